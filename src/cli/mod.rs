@@ -176,4 +176,14 @@ impl Command {
             | Self::Completions(_) => false,
         }
     }
+
+    /// Whether the command has a result only from the services of a running cell.
+    pub fn asks_a_cell(&self) -> bool {
+        // These bring services of their own, look at the machine, or ask the robot itself.
+        let asks_others = matches!(
+            self,
+            Self::Run(_) | Self::Record(_) | Self::Doctor(_) | Self::Robot(_)
+        );
+        self.talks_to_a_cell() && !asks_others
+    }
 }
