@@ -88,6 +88,10 @@ pub struct ModelData {
     /// Known poses close to a singularity, for tests.
     #[serde(default)]
     pub near_singular: Vec<NearSingular>,
+    /// Distance along each joint's axis from the origin of its frame to the joint itself, m. Empty
+    /// or zero, except after a factory calibration: [`calibrated`](Self::calibrated) sets it.
+    #[serde(skip)]
+    pub joint_from_origin_m: Vec<f64>,
 }
 
 /// Denavit-Hartenberg convention of a table.
