@@ -16,14 +16,18 @@ pub use error::ModelError;
 /// Largest number of joints of a model.
 pub const DOF_MAX: usize = 8;
 
-const BUILTIN: [(&str, &str); 12] = [
+const BUILTIN: [(&str, &str); 16] = [
     ("ur3", include_str!("../../models/ur3.toml")),
     ("ur3e", include_str!("../../models/ur3e.toml")),
     ("ur5", include_str!("../../models/ur5.toml")),
     ("ur5e", include_str!("../../models/ur5e.toml")),
+    ("ur7e", include_str!("../../models/ur7e.toml")),
     ("ur10", include_str!("../../models/ur10.toml")),
     ("ur10e", include_str!("../../models/ur10e.toml")),
+    ("ur12e", include_str!("../../models/ur12e.toml")),
+    ("ur15", include_str!("../../models/ur15.toml")),
     ("ur16e", include_str!("../../models/ur16e.toml")),
+    ("ur18", include_str!("../../models/ur18.toml")),
     ("ur20", include_str!("../../models/ur20.toml")),
     ("ur30", include_str!("../../models/ur30.toml")),
     ("panda", include_str!("../../models/panda.toml")),
