@@ -205,6 +205,7 @@ fn a_wrong_cell_name_is_answered_with_the_cells_that_are_there() {
         &["param", "get"],
         &["param", "get", "rtde"],
         &["tare"],
+        &["robot", "status"],
         &["health", "rtde", "--patience-s", "0.2"],
     ] {
         let output = run(&[args, &["--cell", &wrong, "--json"]].concat());

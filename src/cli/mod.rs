@@ -179,11 +179,8 @@ impl Command {
 
     /// Whether the command has a result only from the services of a running cell.
     pub fn asks_a_cell(&self) -> bool {
-        // These bring services of their own, look at the machine, or ask the robot itself.
-        let asks_others = matches!(
-            self,
-            Self::Run(_) | Self::Record(_) | Self::Doctor(_) | Self::Robot(_)
-        );
-        self.talks_to_a_cell() && !asks_others
+        // These bring services of their own, or look at the machine.
+        let has_its_own = matches!(self, Self::Run(_) | Self::Record(_) | Self::Doctor(_));
+        self.talks_to_a_cell() && !has_its_own
     }
 }
