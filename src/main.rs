@@ -28,6 +28,7 @@ mod table;
 mod task_file;
 mod terminal;
 mod topic;
+mod ui;
 mod up;
 
 use std::process::ExitCode;
@@ -132,6 +133,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
             calibrate::payload(args, &config()?, json)
         }
         Command::Param(command) => control::param(command, &config()?, json),
+        Command::Ui(args) => ui::run(args, config()?, json),
         Command::Topic(command) => topic::run(command, &config()?, json),
         Command::Status(args) => status::run(args, &config()?, json),
         Command::Keys(command) => keys::run(command, cli.cell.as_deref(), json),

@@ -38,6 +38,15 @@ pub fn run(args: &Run, config: &CellConfig) -> Result<Outcome> {
             "run the recorder of several cells ([recorder] cells) in a process of its own, not in the router's",
         ));
     }
+    let loops = tangent_ui::NOT_BESIDE;
+    if let (true, Some(service)) = (
+        names.contains(&tangent_ui::SERVICE),
+        names.iter().find(|name| loops.contains(name)),
+    ) {
+        return Err(bad_usage(format!(
+            "run ui in a process of its own, not beside {service}, which belongs to the control loop"
+        )));
+    }
     services(&args.services, &config, role, &RecorderExtra::default())
 }
 

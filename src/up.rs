@@ -99,6 +99,7 @@ pub fn run(args: &Up, base: CellConfig, given: Option<&Path>, json: bool) -> Res
         println!("report     {}", page.display());
     }
     Ok(match verdict {
+        Some(Verdict::Completed) if figures.accepted == Some(false) => Outcome::Failed,
         Some(Verdict::Completed) if figures.is_lossy() => Outcome::Lossy,
         Some(Verdict::Completed) => Outcome::Done,
         _ => Outcome::Failed,

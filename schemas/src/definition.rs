@@ -21,7 +21,7 @@ files! {
     "sensor_msgs": "CameraInfo" "CompressedImage" "Image" "JointState" "RegionOfInterest";
     "std_msgs": "ColorRGBA" "Header" "String";
     "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Feature" "FeatureArray" "Health"
-        "NormalEstimate" "ObjectEstimate" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
+        "NormalEstimate" "ObjectEstimate" "OperatorCommand" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
         "WrenchBatch" "WrenchStatus";
     "tf2_msgs": "TFMessage";
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";

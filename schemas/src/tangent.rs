@@ -451,3 +451,28 @@ message! {
         pub data: String,
     }
 }
+
+message! {
+    /// A command that a person sent from the operator's page, and what became of it. Published once
+    /// it is answered.
+    pub struct OperatorCommand: "tangent_msgs/msg/OperatorCommand" {
+        /// Time at which the page's service received the command.
+        pub header: Header,
+        /// Name that belongs to the token; `anyone` without a token, `lost page` for the configured
+        /// answer to the loss of every page.
+        pub who: Name,
+        /// `operator` or `engineer`; empty without a token.
+        pub role: Name,
+        /// Address of the browser; empty without a browser.
+        pub address: Name,
+        /// Action, for instance `start`.
+        pub action: Name,
+        /// Name of the task's file or of the estimator; empty for other actions.
+        pub argument: Text,
+        /// Whether the cell carried it out, and its answer.
+        pub done: bool,
+        pub message: String,
+        /// Time from `header.stamp` to the answer, s.
+        pub answered_after_s: f64,
+    }
+}

@@ -11,7 +11,7 @@ use crate::standard::{
 };
 use crate::tangent::{
     ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
-    ObjectEstimate, ShapingState, SurfaceAhead, SurfaceSegment, WrenchStatus,
+    ObjectEstimate, OperatorCommand, ShapingState, SurfaceAhead, SurfaceSegment, WrenchStatus,
 };
 
 /// How a topic is sent to other processes. Within a process, every message is delivered in the
@@ -148,6 +148,9 @@ pub static CONTROL_SHAPING: Topic<ShapingState> = Topic::new("control/shaping", 
 pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
 /// True pose of the simulated object.
 pub static TRUTH_OBJECT: Topic<PoseStamped> = Topic::new("truth/object", Delivery::Stream);
+/// Commands of people on the operator's page, each with its outcome, by `ui`.
+pub static OPERATOR_COMMAND: Topic<OperatorCommand> =
+    Topic::new("operator/command", Delivery::Background);
 /// Transforms between frames that move, for viewers.
 pub static TF: Topic<TFMessage> = Topic::new("tf", Delivery::Background);
 /// Transforms between frames that are fixed to each other, for viewers; see [`is_latched`].

@@ -22,6 +22,7 @@ mod task;
 #[cfg(test)]
 mod tests;
 mod topic;
+mod ui;
 mod up;
 
 use std::path::PathBuf;
@@ -46,6 +47,7 @@ pub use run::{Record, Run};
 pub use status::{Health, Status};
 pub use task::TaskCommand;
 pub use topic::{Echo, Hz, TopicCommand};
+pub use ui::{Ui, UiRole};
 pub use up::Up;
 
 /// Keep a robot's tool pressed on a surface of unknown shape.
@@ -103,6 +105,8 @@ pub enum Command {
     /// Read or set live parameters.
     #[command(subcommand)]
     Param(ParamCommand),
+    /// Serve the operator's page: the cell in a browser, with its commands.
+    Ui(Ui),
     /// Show what is published on the cell's bus: topics, their messages and rates.
     #[command(subcommand)]
     Topic(TopicCommand),
@@ -157,6 +161,7 @@ impl Command {
             | Self::Tare { .. }
             | Self::Calibrate(_)
             | Self::Param(_)
+            | Self::Ui(_)
             | Self::Topic(_)
             | Self::Status(_)
             | Self::Health(_)
@@ -180,7 +185,10 @@ impl Command {
     /// Whether the command has a result only from the services of a running cell.
     pub fn asks_a_cell(&self) -> bool {
         // These bring services of their own, or look at the machine.
-        let has_its_own = matches!(self, Self::Run(_) | Self::Record(_) | Self::Doctor(_));
+        let has_its_own = matches!(
+            self,
+            Self::Run(_) | Self::Ui(_) | Self::Record(_) | Self::Doctor(_)
+        );
         self.talks_to_a_cell() && !has_its_own
     }
 }

@@ -8,8 +8,8 @@ use clap::Args;
 #[derive(Debug, Args)]
 pub struct Run {
     /// Services to run: any of router, netft, rtde, franka, camera, estimator, controller,
-    /// recorder, ros2, foxglove, simulator.
-    #[arg(required = true, value_parser = ["router", "netft", "rtde", "franka", "camera", "estimator", "controller", "recorder", "ros2", "foxglove", "simulator"])]
+    /// recorder, ros2, foxglove, ui, simulator.
+    #[arg(required = true, value_parser = ["router", "netft", "rtde", "franka", "camera", "estimator", "controller", "recorder", "ros2", "foxglove", "ui", "simulator"])]
     pub services: Vec<String>,
     /// Estimators that the estimator service of this process runs, in place of the cell file's
     /// list; separated by commas.

@@ -55,6 +55,6 @@ pub use task::profile::Profile;
 pub use task::program::{EstimatorName, EstimatorNames, Program};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
-    ToolAxis, ZeroAtLimit, ZeroSpec,
+    Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
 };
 pub use verdict::Verdict;

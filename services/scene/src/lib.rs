@@ -1,12 +1,14 @@
 //! What viewers show of a cell: `/tf`, `/tf_static`, `/joint_states`, `/robot_description` and
-//! `/markers`.
+//! `/markers`; and where the tool presses ([`Pressed`]), and what dose that gives ([`dose`]).
 //!
 //! The controller service calls it from its side thread, about 20 times a second. The messages go
 //! over the bus like all others, so that recordings and live viewers show the same.
 
 mod config;
+pub mod dose;
 mod frames;
 mod marks;
+mod pressed;
 
 use std::time::{Duration, Instant};
 
@@ -21,6 +23,7 @@ use tangent_schemas::topics::{self, queries};
 pub use config::SceneConfig;
 use frames::Frames;
 use marks::{Marks, Seen};
+pub use pressed::{COVER_RADIUS_M, Pressed, cover_radius_m, cross_axes};
 
 /// Interval at which latched messages are published again, for readers that have missed them.
 const AGAIN: Duration = Duration::from_secs(2);

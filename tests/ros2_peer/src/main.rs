@@ -103,6 +103,7 @@ fn hashes() -> Result<()> {
         tangent_msgs::Health,
         tangent_msgs::NormalEstimate,
         tangent_msgs::ObjectEstimate,
+        tangent_msgs::OperatorCommand,
         tangent_msgs::Request,
         tangent_msgs::ShapingState,
         tangent_msgs::SurfaceAhead,

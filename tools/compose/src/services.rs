@@ -121,6 +121,19 @@ pub fn service(
                 Ok(tangent_foxglove::run(&config, &bus, &stop, |_| {})?)
             })
         }
+        "ui" => {
+            let config = tangent_ui::Config::from_cell(config, &model(config)?)
+                .map_err(ComposeError::refused)?;
+            if config.tokens.is_empty() {
+                tracing::warn!(
+                    "nobody has a token, so the page only shows the cell, and stops it: name a file as ui.tokens, or \
+                     use `tangent ui`"
+                );
+            }
+            Running::start("ui", process_stop, move |stop| {
+                Ok(tangent_ui::run(config, &bus, &stop, None, |_| {})?)
+            })
+        }
         other => Err(ComposeError::UnknownService(other.to_owned())),
     }
 }

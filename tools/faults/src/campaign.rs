@@ -14,6 +14,9 @@ use crate::private_cell::Setup;
 use crate::row::{Row, attribute, without_figures};
 use crate::stage::Stage;
 
+/// Number of lines shown of each log of a cell that a fault broke.
+const LOG_LINES: usize = 8;
+
 /// Selection of the faults, and settings of the run.
 #[derive(Clone, Debug)]
 pub struct Campaign {
@@ -21,7 +24,8 @@ pub struct Campaign {
     pub faults: Vec<String>,
     /// Time allowed beyond every bound, ms.
     pub allow_ms: f64,
-    /// Folder for logs and recordings; without one, they are deleted at the end.
+    /// Folder for logs and recordings; without one, they are deleted at the end if every fault was
+    /// answered.
     pub folder: Option<PathBuf>,
     /// Settings of the private cells.
     pub setup: Setup,
@@ -43,7 +47,9 @@ impl Campaign {
             }
         };
         let rows = play_all(self, &cases, &folder)?;
-        if !kept && let Err(error) = fs::remove_dir_all(&folder) {
+        // The remark of a fault that broke its cell names the folder.
+        let needed = kept || rows.iter().any(|row| !row.met && !row.skipped);
+        if !needed && let Err(error) = fs::remove_dir_all(&folder) {
             tracing::warn!("{}: {error}", folder.display());
         }
         Ok(rows)
@@ -116,6 +122,7 @@ fn play_layout(
                 Err(error) => {
                     let remark = format!("{}; {}", with_causes(&error), logs_are_in(&folder));
                     eprintln!("{}: {remark}", case.name);
+                    eprint!("{}", last_lines(&folder));
                     rows.push(without_figures(case, false, &remark));
                     broken = true;
                     break;
@@ -130,6 +137,24 @@ fn play_layout(
         }
     }
     Ok(rows)
+}
+
+/// Last lines of each log in the folder, after its name.
+fn last_lines(folder: &Path) -> String {
+    let logs = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut logs: Vec<PathBuf> = logs.map(|entry| entry.path()).collect();
+    logs.retain(|path| path.extension().is_some_and(|end| end == "log"));
+    logs.sort();
+    let mut lines = String::new();
+    for log in logs {
+        let name = log.file_stem().unwrap_or_default().to_string_lossy();
+        let text = fs::read_to_string(&log).unwrap_or_default();
+        let last = text.lines().rev().take(LOG_LINES).collect::<Vec<_>>();
+        for line in last.into_iter().rev() {
+            lines.push_str(&format!("  {name}: {line}\n"));
+        }
+    }
+    lines
 }
 
 fn logs_are_in(folder: &Path) -> String {

@@ -43,7 +43,9 @@ pub fn cell_text(folder: &Path, port_offset: u16, router: u16, rdt: u16) -> Resu
     set("robot", "port_offset", i64::from(port_offset).into());
     set("sensor", "rdt_port", i64::from(rdt).into());
     set("sensor", "http_port", i64::from(8080 + port_offset).into());
-    set("sensor", "rate_hz", 1000.0.into());
+    // Most of the processor time of a cell goes into passing records on, and some layouts pass each
+    // on several times.
+    set("sensor", "rate_hz", 500.0.into());
     set("zenoh", "connect", vec![endpoint.clone()].into());
     set("zenoh", "listen", vec![endpoint].into());
     let recordings = folder.join("recordings");

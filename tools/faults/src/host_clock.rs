@@ -61,8 +61,8 @@ impl Host {
     fn reads(self) -> &'static [&'static str] {
         match self {
             Self::Sensor => &["arm/state", "control/state"],
-            Self::Loop => &["wrench/*", "estimate/*/normal"],
-            Self::Estimator => &["arm/state", "wrench/*", "control/state"],
+            Self::Loop => &["wrench/tool", "wrench/status", "estimate/*/normal"],
+            Self::Estimator => &["arm/state", "wrench/tool", "wrench/status", "control/state"],
         }
     }
 

@@ -12,8 +12,8 @@ use crate::error::{Context, Result};
 
 /// Interval at which a relay checks whether it must end.
 const LOOK: Duration = Duration::from_millis(20);
-/// Number of datagrams kept for replay: half a second at 1 kHz.
-const KEPT: usize = 500;
+/// Number of datagrams kept for replay: half a second at 500 Hz.
+const KEPT: usize = 250;
 
 /// Damage to the sensor's datagrams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

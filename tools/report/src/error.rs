@@ -30,6 +30,14 @@ pub enum ReportError {
         /// Names of the cells, separated by commas.
         cells: String,
     },
+    /// The recording has no task of this number.
+    #[error("--task {number}: the recording holds {tasks}")]
+    NoTask {
+        /// The number that was asked for, from 1.
+        number: usize,
+        /// Tasks of the recording, separated by commas.
+        tasks: String,
+    },
     /// The folder cannot be listed.
     #[error("listing {folder}")]
     Folder {

@@ -10,10 +10,12 @@ use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
 use tangent_simulation::metrics::{CycleSample, Figures};
 
+use crate::acceptance::{self, Judged};
 use crate::comparison::{self, EstimatorFigures, Switch};
 use crate::events::Events;
 use crate::run::{Growth, Run};
 use crate::task_run::TaskRun;
+use crate::tasks::TaskEntry;
 use crate::{object, tactile};
 
 /// Output of `report --json`.
@@ -51,6 +53,14 @@ pub struct Report {
     pub events: Events,
     /// Last fault of the task.
     pub fault: Option<String>,
+    /// Whether the result keeps every tolerance of the task file; null if it has none.
+    pub accepted: Option<bool>,
+    /// Every tolerance of the task file, with the value of this run.
+    pub tolerances: Vec<Judged>,
+    /// Number of the task within the recording, from 1; null without a task.
+    pub task: Option<usize>,
+    /// All tasks of the recording.
+    pub tasks: Vec<TaskEntry>,
     /// Only from `evaluate`.
     pub state_digest: Option<String>,
     /// Figures of each recorded estimator over the same cycles.
@@ -119,7 +129,7 @@ pub struct RecordingFigures {
     pub undecodable: u64,
     /// Whether any file lacks its end or is damaged.
     pub truncated: bool,
-    /// Number of tasks in the recording; the figures are those of the last one.
+    /// Number of tasks in the recording.
     pub tasks: usize,
     /// Program that recorded it.
     pub version: Option<String>,
@@ -134,6 +144,8 @@ impl Report {
         figures.joints.manipulability_min = manipulability.filter(|m| m.is_finite());
         let last = task.cycles.last();
         let estimators = comparison::estimators(run, task);
+        let events = Events::of(task);
+        let tolerances = acceptance::judge(&acceptance::tolerances(run, task), &figures);
         Self {
             scenario: text_fact(run, "scenario", "name"),
             controller: controller(run),
@@ -150,7 +162,11 @@ impl Report {
             tactile: tactile::figures(run, task),
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
-            events: Events::of(task),
+            accepted: acceptance::accepted(&tolerances, events.verdict),
+            tolerances,
+            task: run.kept.or(run.tasks.last().map(|task| task.number)),
+            tasks: run.tasks.clone(),
+            events,
             fault: task
                 .cycles
                 .iter()
@@ -166,7 +182,7 @@ impl Report {
                 messages: run.topics.values().map(|(_, count)| count).sum(),
                 undecodable: run.undecodable,
                 truncated: !run.truncated.is_empty() || !run.damages.is_empty(),
-                tasks: task.tasks,
+                tasks: run.tasks.len(),
                 version: run.fact("version").map(str::to_owned),
             },
         }

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::difference::Difference;
 use crate::error::ReportError;
 use crate::figures::Report;
 use crate::html;
@@ -19,14 +20,23 @@ pub struct Read {
     pub page: Option<String>,
 }
 
-/// Reads one run, which may be spread over several files; `cell` is needed if the recording holds
-/// several cells. With `page`, the page is generated too.
+/// What of a recording is reported.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Part<'a> {
+    /// Name of the cell; needed if the recording holds several.
+    pub cell: Option<&'a str>,
+    /// Number of the task, from 1; `None`: the last one.
+    pub task: Option<usize>,
+}
+
+/// Reads a part of one run, which may be spread over several files. With `page`, the page is
+/// generated too.
 ///
 /// # Errors
-/// A file cannot be read, is not a recording or holds no messages of a tangent cell; a plot cannot
-/// be drawn.
-pub fn read(paths: &[PathBuf], cell: Option<&str>, page: bool) -> Result<Read, ReportError> {
-    let run = Run::read(paths, cell)?;
+/// A file cannot be read, is not a recording or holds no messages of a tangent cell, or not this
+/// task; a plot cannot be drawn.
+pub fn read(paths: &[PathBuf], part: Part<'_>, page: bool) -> Result<Read, ReportError> {
+    let run = part.of(paths)?;
     let task = TaskRun::of(&run);
     let report = Report::of(&run, &task);
     let page = page.then(|| html::page(&run, &task, &report)).transpose()?;
@@ -37,13 +47,42 @@ pub fn read(paths: &[PathBuf], cell: Option<&str>, page: bool) -> Result<Read, R
     })
 }
 
+/// Compares two runs, given by their files and parts; with `page`, the page of the comparison is
+/// generated too.
+///
+/// # Errors
+/// As [`read`].
+pub fn compare(
+    a: (&[PathBuf], Part<'_>),
+    b: (&[PathBuf], Part<'_>),
+    page: bool,
+) -> Result<(Difference, Option<String>), ReportError> {
+    let (run_a, run_b) = (a.1.of(a.0)?, b.1.of(b.0)?);
+    let (task_a, task_b) = (TaskRun::of(&run_a), TaskRun::of(&run_b));
+    let difference = Difference::between((&run_a, &task_a), (&run_b, &task_b));
+    let page = page
+        .then(|| html::two(&difference, &task_a, &task_b))
+        .transpose()?;
+    Ok((difference, page))
+}
+
+impl Part<'_> {
+    fn of(self, paths: &[PathBuf]) -> Result<Run, ReportError> {
+        let mut run = Run::read(paths, self.cell)?;
+        if let Some(number) = self.task {
+            run.keep_task(number)?;
+        }
+        Ok(run)
+    }
+}
+
 /// Returns figures and page of one run. The page is written beside the first file.
 ///
 /// # Errors
 /// The run cannot be read, see [`read`]; or the page cannot be written.
 pub fn write_for(recordings: &[PathBuf]) -> Result<(Report, PathBuf), ReportError> {
     let first = recordings.first().ok_or(ReportError::NoFile)?;
-    let read = read(recordings, None, true)?;
+    let read = read(recordings, Part::default(), true)?;
     let html = beside(first);
     if let Some(page) = read.page {
         write_page(&html, &page)?;

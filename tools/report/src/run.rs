@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use tangent_recorder::{RecordedMessage, Recording};
-use tangent_schemas::standard::PoseStamped;
+use tangent_schemas::standard::{Header, PoseStamped};
 use tangent_schemas::tangent::{
     ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, ShapingState,
     WrenchStatus,
@@ -12,6 +12,10 @@ use tangent_schemas::tangent::{
 use tangent_schemas::{Message, cdr};
 
 use crate::error::ReportError;
+use crate::tasks::{TaskEntry, tasks};
+
+/// Time before and after a task whose messages belong to it, ns.
+const BESIDE_NS: i64 = 1_000_000_000;
 
 /// Contents of the recording of one run, from one file or several.
 #[derive(Default)]
@@ -53,6 +57,10 @@ pub struct Run {
     pub topics: BTreeMap<String, (String, u64)>,
     /// Number of messages that could not be decoded.
     pub undecodable: u64,
+    /// All tasks, in order.
+    pub tasks: Vec<TaskEntry>,
+    /// Number of the only task whose messages are kept, see [`Run::keep_task`].
+    pub kept: Option<usize>,
 }
 
 impl Run {
@@ -114,6 +122,49 @@ impl Run {
         for estimates in run.estimates.values_mut() {
             estimates.sort_by_key(|m| m.header.stamp.to_ns());
         }
+        run.tasks = tasks(&run.control);
+    }
+
+    /// Keeps only the messages of one task, by its number from 1, and of a second before and after
+    /// it. Counts of the recording as a whole are not changed.
+    ///
+    /// # Errors
+    /// The recording has no such task.
+    pub fn keep_task(&mut self, number: usize) -> Result<(), ReportError> {
+        let place = number.checked_sub(1).and_then(|i| self.tasks.get(i));
+        let Some(states) = place.map(|task| task.states.clone()) else {
+            let known: Vec<String> = self.tasks.iter().map(TaskEntry::words).collect();
+            return Err(ReportError::NoTask {
+                number,
+                tasks: if known.is_empty() {
+                    "no task".to_owned()
+                } else {
+                    known.join(", ")
+                },
+            });
+        };
+        self.control.truncate(states.end);
+        self.control.drain(..states.start);
+        let stamp = |state: Option<&ControlState>| state.map_or(0, |s| s.header.stamp.to_ns());
+        let from_ns = stamp(self.control.first()) - BESIDE_NS;
+        let to_ns = stamp(self.control.last()) + BESIDE_NS;
+        let within = |header: &Header| (from_ns..=to_ns).contains(&header.stamp.to_ns());
+        self.arm.retain(|m| within(&m.header));
+        self.shaping.retain(|m| within(&m.header));
+        self.truth.retain(|m| within(&m.header));
+        self.object_truth.retain(|m| within(&m.header));
+        for objects in self.objects.values_mut() {
+            objects.retain(|m| within(&m.header));
+        }
+        for estimates in self.estimates.values_mut() {
+            estimates.retain(|m| within(&m.header));
+        }
+        self.ages_s.clear();
+        for state in &self.control {
+            note_ages(&mut self.ages_s, state);
+        }
+        self.kept = Some(number);
+        Ok(())
     }
 
     fn read_file(
@@ -180,12 +231,7 @@ impl Run {
             ControlState::NAME => {
                 let state: ControlState = cdr::decode(bytes)?;
                 fault = Some(("controller", state.fault.to_string()));
-                for (name, age_s) in state.estimators.iter().zip(&state.estimate_ages_s) {
-                    if *age_s >= 0.0 {
-                        let ages = self.ages_s.entry(name.to_string()).or_default();
-                        ages.push(*age_s);
-                    }
-                }
+                note_ages(&mut self.ages_s, &state);
                 self.control.push(state);
             }
             ShapingState::NAME => self.shaping.push(cdr::decode(bytes)?),
@@ -277,6 +323,14 @@ fn prefix_of(
             file: path.to_owned(),
             cells: cells.join(", "),
         }),
+    }
+}
+
+fn note_ages(ages_s: &mut BTreeMap<String, Vec<f64>>, state: &ControlState) {
+    for (name, age_s) in state.estimators.iter().zip(&state.estimate_ages_s) {
+        if *age_s >= 0.0 {
+            ages_s.entry(name.to_string()).or_default().push(*age_s);
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The last task of a recording, cycle by cycle, with the messages that belong to each cycle.
+//! One task of a recording, by default the last, cycle by cycle, with the messages that belong to each cycle.
 
 use std::collections::HashMap;
 
@@ -10,6 +10,7 @@ use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstim
 use tangent_simulation::metrics::{CycleSample, EstimateSample, TruthSample};
 
 use crate::run::Run;
+use crate::tasks::phase_of;
 
 /// Time for which a run continues after its task has ended, s; as in `evaluate`.
 const AFTER_END_S: f64 = 0.2;
@@ -30,43 +31,27 @@ pub struct Cycle<'a> {
     pub sample: CycleSample,
 }
 
-/// The last task of a recording.
+/// One task of a recording: the one that is kept, or the last.
 pub struct TaskRun<'a> {
     /// Cycles of the task, in order.
     pub cycles: Vec<Cycle<'a>>,
     /// Stamp of its start, ns since the Unix epoch.
     pub start_ns: i64,
-    /// Number of tasks in the recording.
-    pub tasks: usize,
-}
-
-/// The phase in a message; an unknown number, from a later version, counts as idle.
-fn phase_of(control: &ControlState) -> Phase {
-    Phase::ALL
-        .into_iter()
-        .find(|phase| *phase as u8 == control.phase)
-        .unwrap_or_default()
 }
 
 impl<'a> TaskRun<'a> {
-    /// Joins the messages of all services on the cycles of the last task.
+    /// Joins the messages of all services on the cycles of the task.
     pub fn of(run: &'a Run) -> Self {
-        let mut activations: Vec<u64> = run.control.iter().map(|c| c.activation).collect();
-        activations.dedup();
-        activations.retain(|a| *a > 0);
-        let Some(&last) = activations.last() else {
+        let Some(states) = run.tasks.last().map(|task| match run.kept {
+            None => task.states.clone(),
+            Some(_) => 0..run.control.len(),
+        }) else {
             return Self {
                 cycles: Vec::new(),
                 start_ns: run.arm.first().map_or(0, |a| a.header.stamp.to_ns()),
-                tasks: 0,
             };
         };
-        let from = run
-            .control
-            .iter()
-            .rposition(|c| c.activation != last)
-            .map_or(0, |i| i + 1);
-        let control = &run.control[from..];
+        let control = &run.control[states];
         let start_ns = control.first().map_or(0, |c| c.header.stamp.to_ns());
         let window = |ns: i64| ns > start_ns - 1_000_000_000;
         let arms: HashMap<u64, &ArmState> = run
@@ -111,7 +96,6 @@ impl<'a> TaskRun<'a> {
         Self {
             cycles,
             start_ns: origin_ns.unwrap_or(start_ns),
-            tasks: activations.len(),
         }
     }
 

@@ -13,7 +13,7 @@ use tangent_simulation::{
     AdmittanceCycle, AdmittanceScenario, Evaluation, evaluate_admittance_with,
 };
 
-use crate::files::{read, write_for};
+use crate::files::{Part, compare, read, write_for};
 
 const START_NS: i64 = 1_795_260_245_123_456_789;
 
@@ -25,6 +25,10 @@ fn scenario() -> AdmittanceScenario {
 struct Tape {
     writer: RecordingWriter,
     sequence: u32,
+    /// Start of the run on tape, ns since the Unix epoch.
+    start_ns: i64,
+    /// Number of tasks before it.
+    tasks_before: u64,
 }
 
 impl Tape {
@@ -44,6 +48,8 @@ impl Tape {
         Self {
             writer,
             sequence: 0,
+            start_ns: START_NS,
+            tasks_before: 0,
         }
     }
 
@@ -67,7 +73,7 @@ impl Tape {
 
     fn cycle(&mut self, number: u64, period_s: f64, cycle: &AdmittanceCycle<'_>) {
         let (arm, input, output, truth) = (cycle.arm, cycle.input, cycle.output, cycle.truth);
-        let at = START_NS + (arm.time_s * 1e9).round() as i64;
+        let at = self.start_ns + (arm.time_s * 1e9).round() as i64;
         let header = || Header::new(at, "base");
         self.put(
             "/arm/state",
@@ -112,13 +118,14 @@ impl Tape {
                 phase: output.phase as u8,
                 phase_text: cut(output.phase.name()),
                 task: cut("wipe a pipe"),
-                activation: output.activation,
+                activation: output.activation + self.tasks_before,
                 estimator: cut("blend"),
                 normal: (&output.normal).into(),
                 force_reference_n: output.force_reference_n,
                 force_n: output.force_n.unwrap_or(f64::NAN),
                 path_reference: (&output.path_reference).into(),
                 path_error_m: output.path_error_m,
+                path_progress: output.path_progress,
                 wrench_age_s: output.wrench_age_s,
                 estimate_age_s: output.estimate_age_s,
                 manipulability: output.manipulability,
@@ -257,12 +264,97 @@ fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
     let (evaluation, files) = record(folder.path(), u64::MAX);
     let bytes = std::fs::read(&files[0]).unwrap();
     std::fs::write(&files[0], &bytes[..bytes.len() / 2]).unwrap();
-    let found = read(&files, None, true).unwrap();
+    let found = read(&files, Part::default(), true).unwrap();
     assert!(found.report.is_lossy());
     assert_eq!(found.truncated, files);
     assert!(found.report.recording.truncated);
     assert!(found.report.steps > 100 && found.report.steps < evaluation.steps);
     assert!(found.page.unwrap().contains("has no end"));
+}
+
+/// Two tasks in one recording, the second with 5 N and after a restart of the bridge, which counts
+/// its cycles anew.
+fn record_two(path: &Path) {
+    let text = include_str!("../../../scenarios/pipe_ideal.toml");
+    let mut tape = Tape::create(path);
+    let task = "name = \"wipe\"\n[tolerances]\nforce_rmse_n = 0.3\nforce_peak_n = ";
+    tape.writer
+        .attach("task-1.toml", &format!("{task}8.0"), 1)
+        .unwrap();
+    tape.writer
+        .attach("task-2.toml", &format!("{task}4.0"), 1)
+        .unwrap();
+    for (second, force) in ["task.force.reference_n=3.0", "task.force.reference_n=5.0"]
+        .into_iter()
+        .enumerate()
+    {
+        tape.tasks_before = second as u64;
+        tape.start_ns = START_NS + 60_000_000_000 * second as i64;
+        let scenario = AdmittanceScenario::parse(
+            "pipe_ideal",
+            text,
+            &[force.to_owned()],
+            &tangent_simulation::no_files,
+        )
+        .unwrap();
+        let mut number = 0;
+        evaluate_admittance_with(&scenario, |cycle| {
+            number += 1;
+            tape.cycle(1000 + number, 0.008, cycle);
+        })
+        .unwrap();
+    }
+    tape.writer.finish().unwrap();
+}
+
+#[test]
+fn each_task_of_a_recording_is_judged_by_its_own_tolerances() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = [folder.path().join("two.mcap")];
+    record_two(&path[0]);
+    let part = |task| Part { cell: None, task };
+    let last = read(&path, part(None), false).unwrap().report;
+    assert_eq!((last.task, last.tasks.len()), (Some(2), 2));
+    assert!((last.figures.force.mean_n.unwrap() - 5.0).abs() < 0.3);
+    // Its peak is above 4 N.
+    assert_eq!(last.accepted, Some(false));
+    let second = read(&path, part(Some(2)), false).unwrap().report;
+    let figures = |report: &crate::Report| serde_json::to_value(&report.figures).unwrap();
+    assert_eq!(figures(&second), figures(&last));
+
+    let first = read(&path, part(Some(1)), true).unwrap();
+    assert_eq!(first.report.task, Some(1));
+    assert!((first.report.figures.force.mean_n.unwrap() - 3.0).abs() < 0.3);
+    assert_eq!(
+        first.report.accepted,
+        Some(true),
+        "{:?}",
+        first.report.tolerances
+    );
+    let page = first.page.unwrap();
+    for words in ["ACCEPTED", "task 1 of 2", "2026-", "RMS error of the force"] {
+        assert!(page.contains(words), "{words}");
+    }
+
+    let error = read(&path, part(Some(3)), false).err().unwrap().to_string();
+    for words in ["--task 3", "1 (wipe a pipe, completed)", "2 (wipe a pipe"] {
+        assert!(error.contains(words), "{error}");
+    }
+
+    let (difference, page) = compare((&path, part(Some(1))), (&path, part(Some(2))), true).unwrap();
+    let mean = difference
+        .figures
+        .iter()
+        .find(|f| f.name == "force, mean")
+        .unwrap();
+    assert!((mean.b.unwrap() - mean.a.unwrap() - 2.0).abs() < 0.3);
+    let [setting] = &difference.settings[..] else {
+        panic!("{:?}", difference.settings);
+    };
+    assert_eq!(setting.key, "tolerances.force_peak_n");
+    assert!(difference.words().contains("force, mean"));
+    let page = page.unwrap();
+    assert!(page.matches("<svg").count() >= 3 && page.contains("tolerances.force_peak_n"));
 }
 
 fn with_causes(error: &dyn std::error::Error) -> String {
@@ -280,7 +372,7 @@ fn what_is_no_recording_of_a_cell_is_refused_with_a_way_out() {
     let mut tape = Tape::create(&path);
     tape.put("/scan", 1, &Header::new(1, "laser"));
     tape.writer.finish().unwrap();
-    let error = read(std::slice::from_ref(&path), None, false)
+    let error = read(std::slice::from_ref(&path), Part::default(), false)
         .err()
         .unwrap();
     let error = with_causes(&error);

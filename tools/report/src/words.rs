@@ -5,6 +5,7 @@ use tangent_control::Verdict;
 use crate::comparison;
 use crate::figures::Report;
 use crate::shown_time::shown_s;
+use crate::tasks::TaskEntry;
 use crate::{object, tactile};
 
 /// Formats the main figures for a terminal.
@@ -20,6 +21,23 @@ pub fn words(report: &Report) -> String {
         "task             {}",
         report.events.verdict_words(report.fault.as_deref())
     ));
+    if let Some(accepted) = report.accepted {
+        let word = if accepted { "ACCEPTED" } else { "REJECTED" };
+        lines.push(format!("tolerances       {word}"));
+        for one in &report.tolerances {
+            let kept = if one.met { "" } else { " NOT KEPT" };
+            lines.push(format!("  {}: {}{kept}", one.words, one.figures()));
+        }
+    }
+    if report.tasks.len() > 1 {
+        let all: Vec<String> = report.tasks.iter().map(TaskEntry::words).collect();
+        lines.push(format!(
+            "shown            task {} of {}: {}",
+            report.task.unwrap_or_default(),
+            report.tasks.len(),
+            all.join(", ")
+        ));
+    }
     for (name, times) in report.events.interruptions() {
         lines.push(format!("{name:<16} {times}"));
     }

@@ -6,6 +6,7 @@ pub mod path;
 pub mod preflight;
 pub mod profile;
 pub mod program;
+mod tolerances;
 
 use std::str::FromStr;
 
@@ -18,6 +19,8 @@ use crate::laws::hybrid_admittance::ControllerConfig;
 use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
+
+pub use tolerances::Tolerances;
 
 /// A task: keys as in `docs/tasks.md`. Unknown keys are errors.
 ///
@@ -76,6 +79,9 @@ pub struct Task {
     /// Timeouts of the task.
     #[serde(default)]
     pub timeouts: TimeoutSpec,
+    /// What the result must keep for the part to be accepted, judged by the report.
+    #[serde(default, skip_serializing_if = "Tolerances::is_empty")]
+    pub tolerances: Tolerances,
     /// Whether the task only moves a tool off a surface that it may touch. For a stop after a
     /// restart; not in files.
     #[serde(skip)]
@@ -101,6 +107,7 @@ impl Task {
             plane: PlaneSpec::default(),
             end: EndSpec::default(),
             timeouts: TimeoutSpec::default(),
+            tolerances: Tolerances::default(),
             only_leaves: true,
         }
     }
@@ -412,6 +419,7 @@ impl Task {
         check_range("timeouts.tare_s", self.timeouts.tare_s, 0.1, 120.0)?;
         check_range("timeouts.contact_s", self.timeouts.contact_s, 0.5, 120.0)?;
         check_range("timeouts.task_s", self.timeouts.task_s, 0.0, 86_400.0)?;
+        self.tolerances.check()?;
         self.path.check()
     }
 }

@@ -169,7 +169,7 @@ pub struct ForceFigures {
     /// 95th percentile of the absolute deviation from the reference while sliding and holding, from
     /// 1 s after first contact, N.
     pub p95_abs_error_n: Option<f64>,
-    /// Highest pressing force from first contact to the retraction, N.
+    /// Highest pressing force from first contact to the end, the retraction included, N.
     pub peak_n: Option<f64>,
     /// Peak of the whole touchdown, bounces included, above the reference, in percent of the
     /// reference; 0 if it stays below.
@@ -270,12 +270,10 @@ impl Figures {
     pub fn of(samples: &[CycleSample]) -> Self {
         // The figures cover the pressing: from first contact to the retraction.
         let first = samples.iter().position(CycleSample::touches);
-        let span = first.map_or(&samples[..0], |first| {
-            let from_first = &samples[first..];
-            let ends = |s: &CycleSample| matches!(s.phase, Phase::Retract | Phase::Done);
-            let end = from_first.iter().position(ends).unwrap_or(from_first.len());
-            &from_first[..end]
-        });
+        let from_first = first.map_or(&samples[..0], |first| &samples[first..]);
+        let ends = |s: &CycleSample| matches!(s.phase, Phase::Retract | Phase::Done);
+        let end = from_first.iter().position(ends).unwrap_or(from_first.len());
+        let span = &from_first[..end];
         let first_s = first.map(|i| samples[i].time_s);
         let settled_from = first_s.map_or(f64::INFINITY, |t| t + SETTLING_LEFT_OUT_S);
         let touching = || span.iter().filter(|s| s.touches());
@@ -297,7 +295,7 @@ impl Figures {
             alignment_error_deg: spread(&|s| Some(angle_deg(&s.estimate?.normal, &-s.tool_z))),
             tool_error_deg: spread(&|s| s.truth.map(|t| angle_deg(&t.normal, &-t.tool_z))),
             normal_nees_per_dof: mean(&nees),
-            force: force(samples, span, settled_from),
+            force: force(samples, from_first, span, settled_from),
             path: path(span),
             contact: contact(span, first_s),
             joints: JointFigures {
@@ -362,7 +360,12 @@ pub fn nees_of_normal(
     (determinant > 0.0 && value.is_finite()).then_some(value)
 }
 
-fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> ForceFigures {
+fn force(
+    samples: &[CycleSample],
+    from_first: &[CycleSample],
+    span: &[CycleSample],
+    settled_from: f64,
+) -> ForceFigures {
     let reference_n = samples
         .iter()
         .map(|s| s.force_reference_n)
@@ -413,7 +416,8 @@ fn force(samples: &[CycleSample], span: &[CycleSample], settled_from: f64) -> Fo
         rmse_first_second_n: root_mean_square(&first_second),
         mad_n: mean(&sizes),
         p95_abs_error_n: (!sizes.is_empty()).then(|| percentile_95(&sizes)),
-        peak_n: span
+        // A retraction can press as well.
+        peak_n: from_first
             .iter()
             .filter_map(CycleSample::pressing_n)
             .reduce(f64::max),

@@ -117,6 +117,26 @@ fn force_figures_have_closed_forms() {
 }
 
 #[test]
+fn a_force_in_the_retraction_is_part_of_the_peak_and_of_nothing_else() {
+    let retracts = |i: usize, s: &mut CycleSample| {
+        if i >= 300 {
+            s.phase = Phase::Retract;
+        }
+    };
+    let before = run(retracts).force;
+    let figures = run(|i, s| {
+        retracts(i, s);
+        if i == 320 {
+            s.truth.as_mut().unwrap().force_n = 173.0;
+        }
+    })
+    .force;
+    assert_eq!(figures.peak_n, Some(173.0));
+    assert_eq!(figures.rmse_all_n, before.rmse_all_n);
+    assert_eq!(figures.overshoot_percent, before.overshoot_percent);
+}
+
+#[test]
 fn overshoot_and_settling_are_those_of_the_touchdown() {
     // A ramp that reaches 3.9 N after 0.3 s, then 3 N; a later peak is not part of the overshoot.
     let figures = run(|i, s| {

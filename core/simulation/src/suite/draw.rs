@@ -4,7 +4,7 @@ use std::fmt;
 
 use nalgebra::Vector3;
 use tangent_control::{
-    Circle, Direction, ForceSpec, Limits, Line, PathSpec, PlaneSpec, Raster, Task,
+    Circle, Direction, ForceSpec, Limits, Line, PathSpec, PlaneSpec, Raster, Task, Tolerances,
 };
 use tangent_estimation::EstimatorConfig;
 use tangent_mechanics::Tip;
@@ -341,6 +341,7 @@ fn task(force_n: f64, path: PathSpec, x_axis: Vector3<f64>) -> Task {
         },
         name: "suite".to_owned(),
         tare: true,
+        tolerances: Tolerances::default(),
         only_leaves: false,
         ..Task::leave(force_n)
     }

@@ -17,10 +17,10 @@ pub use load::{ConfigError, read_toml, toml_from_str};
 pub use sections::{
     Calibration, CameraConfig, CameraKind, CellSection, ControllerConfig, EstimatorsConfig,
     FRANKA_TORQUE_RATE_SHARE, Focal, FoxgloveConfig, FrankaConfig, JointCountError, Law,
-    LimitsConfig, PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver,
+    LimitsConfig, OnLostPage, PoseConfig, RealtimeConfig, RecorderConfig, RobotConfig, RobotDriver,
     RobotModelError, Ros2Command, Ros2Config, Ros2Inputs, SensorConfig, SensorDriver, SensorMode,
-    SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig, TopicSensorConfig, UrReading,
-    UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint, is_ros_name,
+    SimulatorConfig, TipConfig, TipKind, TlsConfig, ToolConfig, TopicSensorConfig, UiConfig,
+    UrReading, UrSensorConfig, WrenchSource, ZenohConfig, is_endpoint, is_ros_name,
 };
 
 /// The cell file supplied with the program: a simulated UR5 with a Gamma sensor on loopback.
@@ -65,6 +65,9 @@ pub struct CellConfig {
     /// The server for live viewers.
     #[serde(default)]
     pub foxglove: FoxgloveConfig,
+    /// The operator's page.
+    #[serde(default)]
+    pub ui: UiConfig,
     /// The simulated cell.
     #[serde(default)]
     pub simulator: SimulatorConfig,
@@ -169,6 +172,8 @@ impl CellConfig {
                 .for_each(resolve);
         }
         self.simulator.scenario.iter_mut().for_each(resolve);
+        self.ui.tokens.iter_mut().for_each(resolve);
+        resolve(&mut self.ui.tasks);
         if let Some(camera) = &mut self.camera {
             camera.recording.iter_mut().for_each(resolve);
         }
@@ -191,6 +196,7 @@ impl CellConfig {
         self.recorder.check(checker)?;
         self.ros2.check(checker, self)?;
         self.foxglove.check(checker)?;
+        self.ui.check(checker)?;
         self.realtime.check(checker)
     }
 }

@@ -111,6 +111,19 @@ const FOXGLOVE: Service = Service {
     asks: &[],
     tokens: &[],
 };
+/// The operator's page: sends what the people with a token ask for, and says so.
+const UI: Service = Service {
+    name: "ui",
+    publishes: &["operator/command"],
+    answers: &[],
+    asks: &[
+        "control/task",
+        "control/stop",
+        "control/select",
+        "netft/tare",
+    ],
+    tokens: &[],
+};
 const SIMULATOR: Service = Service {
     name: "simulator",
     publishes: &["truth/**", "simulator/*"],
@@ -175,6 +188,11 @@ pub const ROLES: &[Role] = &[
         "foxglove",
         &[FOXGLOVE],
         "the server for live viewers; reads only",
+    ),
+    cell(
+        "ui",
+        &[UI],
+        "the operator's page; it may send tasks, stops, tares and the choice of the estimator",
     ),
     cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
     cell(

@@ -5,8 +5,8 @@ use tangent_schemas::standard::{Duration, Marker, Point};
 use tangent_schemas::tangent::NormalEstimate;
 
 use super::NORMAL_M;
-use super::patches::cross_axes;
 use super::shape::{arrow, kind, marker};
+use crate::pressed::cross_axes;
 
 /// Radius of the 95 % region of two normally distributed angles, in standard deviations.
 const CHI: f64 = 2.447_746_8;

@@ -24,6 +24,8 @@ use planned::Planned;
 use shape::arrow;
 use trail::Trail;
 
+use crate::pressed::{Pressed, cover_radius_m};
+
 /// Length of the force's arrow per newton, m.
 const METRES_PER_N: f64 = 0.02;
 /// Length of a normal's arrow, m.
@@ -36,8 +38,6 @@ const TRAIL_STEP_M: f64 = 0.002;
 const TOUCH_CELL_M: f64 = 0.003;
 /// Share of the wanted force from which the tool counts as touching.
 const TOUCH_SHARE: f64 = 0.2;
-/// Radius that a tool covers whose tip is unknown, m.
-const COVER_RADIUS_M: f64 = 0.008;
 
 /// The newest state of the cell.
 pub struct Seen {
@@ -71,7 +71,7 @@ pub struct Marks {
 
 impl Marks {
     pub fn new(tip: Tip) -> Self {
-        let cover_m = tip.radius_m().unwrap_or(COVER_RADIUS_M);
+        let cover_m = cover_radius_m(&tip);
         Self {
             tip,
             activation: None,
@@ -123,7 +123,7 @@ impl Marks {
             let along = force * METRES_PER_N;
             markers.push(arrow(seen.stamp, "force", at, along, [1.0, 0.3, 0.1]));
         }
-        self.keep(seen, &normal);
+        self.keep(seen);
         if self.coned.is_none_or(|coned| seen.now >= coned + CONES) && !seen.estimates.is_empty() {
             self.coned = Some(seen.now);
             for (name, estimate) in &seen.estimates {
@@ -139,7 +139,7 @@ impl Marks {
     }
 
     /// Adds the present place to the paths and to the surface.
-    fn keep(&mut self, seen: &Seen, normal: &Vector3<f64>) {
+    fn keep(&mut self, seen: &Seen) {
         let control = &seen.control;
         let is = |phase: Phase| control.phase == phase as u8;
         if is(Phase::Slide) {
@@ -149,19 +149,14 @@ impl Marks {
             self.driven
                 .add(seen.world(&seen.base_from_tool.translation()));
         }
-        let on_surface = is(Phase::Slide) || is(Phase::Contact) || is(Phase::Hold);
-        let reference_n = control.force_reference_n;
-        // False for a force that is not a number.
-        let presses = reference_n > 0.0 && control.force_n >= TOUCH_SHARE * reference_n;
-        if !(on_surface && presses) {
-            return;
+        let tool = &seen.base_from_tool;
+        let pressed = Pressed::of(control, tool, &seen.world_from_base, &self.tip);
+        let touches = |p: &Pressed| p.force_n >= TOUCH_SHARE * p.reference_n;
+        if let Some(pressed) = pressed.filter(touches) {
+            let share = pressed.force_n / pressed.reference_n;
+            self.touched.touch(pressed.point, share);
+            self.covered.cover(pressed.point, &pressed.normal);
         }
-        let normal_in_tool = seen.base_from_tool.unrotate(normal);
-        let point = self.tip.contact_in_tool(&normal_in_tool);
-        let point = seen.world(&seen.base_from_tool.transform_point(&point));
-        let normal = seen.world_from_base.rotate(normal);
-        self.touched.touch(point, control.force_n / reference_n);
-        self.covered.cover(point, &normal);
     }
 }
 

@@ -9,6 +9,7 @@ use tangent_schemas::standard::{ColorRGBA, Marker};
 use super::Seen;
 use super::blocks::{BLOCK, Blocks, POINTS_MAX};
 use super::shape::{kind, marker, removed};
+use crate::pressed::cross_axes;
 
 /// Cells across the radius of the tip that are covered at a time.
 const CELLS_PER_RADIUS: f64 = 3.0;
@@ -194,15 +195,4 @@ fn by_force(share: f64) -> ColorRGBA {
         b: (1.0 - share).max(0.0),
         a: 1.0,
     }
-}
-
-/// Two unit vectors at right angles to `normal` and to each other.
-pub fn cross_axes(normal: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let least = if normal.x.abs() < 0.6 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let x = (least - normal * least.dot(normal)).normalize();
-    (x, normal.cross(&x))
 }

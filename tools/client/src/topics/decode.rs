@@ -102,6 +102,7 @@ fn fields(name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
         tangent::WrenchBatch,
         tangent::FeatureArray,
         tangent::ObjectEstimate,
+        tangent::OperatorCommand,
         tangent::SurfaceSegment,
         tangent::SurfaceAhead,
         tangent::ControlState,

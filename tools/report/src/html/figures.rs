@@ -9,19 +9,28 @@ use super::escaped;
 use crate::figures::Report;
 use crate::run::Run;
 use crate::task_run::TaskRun;
+use crate::tasks::TaskEntry;
 
 pub(super) fn introduction(task: &TaskRun<'_>, report: &Report) -> String {
     if task.cycles.is_empty() {
         return "<p>No task was started while this was recorded: there are no figures of force, path or normal.</p>\n"
             .to_owned();
     }
-    let more = if report.recording.tasks > 1 {
-        format!(
-            " The recording holds {} tasks; this page is about the last one.",
-            report.recording.tasks
-        )
-    } else {
+    let others: Vec<String> = report
+        .tasks
+        .iter()
+        .filter(|other| Some(other.number) != report.task)
+        .map(TaskEntry::words)
+        .collect();
+    let more = if others.is_empty() {
         String::new()
+    } else {
+        format!(
+            " This page is about task {} of {} in the recording; the others, to be shown with <code>--task</code>, are {}.",
+            report.task.unwrap_or_default(),
+            report.tasks.len(),
+            escaped(&others.join(", "))
+        )
     };
     let truth = if task.cycles.iter().any(|c| c.truth.is_some()) {
         "The cell was simulated, so the true contact is known: errors of the normal and the force are relative to it."
@@ -59,9 +68,38 @@ fn verdict(report: &Report) -> String {
         format!("<ul>{items}</ul>")
     };
     format!(
-        "<div class=\"{class}\"><b>Task {}</b>{list}</div>\n",
-        escaped(&report.events.verdict_words(report.fault.as_deref()))
+        "<div class=\"{class}\"><b>Task {}</b>{list}</div>\n{}",
+        escaped(&report.events.verdict_words(report.fault.as_deref())),
+        acceptance(report)
     )
+}
+
+/// Whether the result keeps the task's tolerances, and each of them.
+fn acceptance(report: &Report) -> String {
+    let Some(accepted) = report.accepted else {
+        return "<p class=\"note\">The task file has no <code>[tolerances]</code>, so the result is not judged.</p>\n"
+            .to_owned();
+    };
+    let (class, word) = if accepted {
+        ("good", "ACCEPTED: every tolerance of the task is kept")
+    } else if report.tolerances.iter().all(|one| one.met) {
+        ("bad", "REJECTED: the path was not followed to its end")
+    } else {
+        ("bad", "REJECTED: a tolerance of the task is not kept")
+    };
+    let rows: String = report
+        .tolerances
+        .iter()
+        .map(|one| {
+            format!(
+                "<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td></tr>\n",
+                one.words,
+                one.figures(),
+                if one.met { "kept" } else { "<b>NOT KEPT</b>" }
+            )
+        })
+        .collect();
+    format!("<div class=\"{class}\"><b>{word}</b><table>{rows}</table></div>\n")
 }
 
 pub(super) fn losses(run: &Run, report: &Report) -> String {

@@ -37,7 +37,7 @@ pub(super) fn legend() -> String {
         .map(|p| format!("{}{}", key(p), p.name()))
         .collect();
     format!(
-        "<p class=\"note\">Time runs from the task's start. Shades are the phases: {}</p>\n",
+        "<p class=\"note\">Time runs from the task's start. Drag over a plot to zoom in, double-click to see all. Shades are the phases: {}</p>\n",
         keys.join(" &nbsp; ")
     )
 }

@@ -6,8 +6,8 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use tangent_control::Phase;
 use tangent_simulation::metrics::{Spread, angle_deg};
 
-use super::escaped;
 use super::phases::bands;
+use super::{escaped, interactive};
 use crate::error::ReportError;
 use crate::figures::Report;
 use crate::object;
@@ -156,14 +156,20 @@ pub(super) fn all(run: &Run, task: &TaskRun<'_>) -> Result<String, ReportError> 
     Ok(html)
 }
 
-fn curve(task: &TaskRun<'_>, value: impl Fn(&Cycle<'_>) -> Option<f64>) -> Curve {
+/// The value of each cycle over time; a gap where there is none.
+pub(super) fn curve(task: &TaskRun<'_>, value: impl Fn(&Cycle<'_>) -> Option<f64>) -> Curve {
     task.cycles
         .iter()
         .map(|c| (c.time_s, value(c).unwrap_or(f64::NAN)))
         .collect()
 }
 
-fn figure(axes: &Axes<'_>, series: &[(&str, Curve)], caption: &str) -> Result<String, ReportError> {
+/// A plot with its caption; empty if no curve has a point.
+pub(super) fn figure(
+    axes: &Axes<'_>,
+    series: &[(&str, Curve)],
+    caption: &str,
+) -> Result<String, ReportError> {
     let drawn: Vec<Series<'_>> = series
         .iter()
         .zip(plot::PALETTE.iter().cycle())
@@ -178,8 +184,9 @@ fn figure(axes: &Axes<'_>, series: &[(&str, Curve)], caption: &str) -> Result<St
         return Ok(String::new());
     }
     let svg = plot::draw(axes, &drawn)?;
+    let data = interactive::plot(axes, &drawn);
     Ok(format!(
-        "<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"
+        "<figure>{svg}{data}<figcaption>{caption}</figcaption></figure>\n"
     ))
 }
 

@@ -14,6 +14,7 @@ mod sensor;
 mod services;
 mod tip;
 mod tool;
+mod ui;
 mod zenoh;
 
 pub use camera::{Calibration, CameraConfig, CameraKind, Focal};
@@ -33,6 +34,7 @@ pub use services::{
 };
 pub use tip::{TipConfig, TipKind};
 pub use tool::ToolConfig;
+pub use ui::{OnLostPage, UiConfig};
 pub use zenoh::{TlsConfig, ZenohConfig, is_endpoint};
 
 use super::check::Checker;

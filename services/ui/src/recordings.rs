@@ -1,0 +1,81 @@
+//! The recordings of the cell, and the reports beside them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
+
+use serde::Serialize;
+
+/// Largest number of recordings that are listed, the newest first.
+const LISTED_MAX: usize = 200;
+
+/// A recording.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RecordingFile {
+    /// Name of the file.
+    pub file: String,
+    /// Its size, bytes.
+    pub bytes: u64,
+    /// Time of the last change, s since the Unix epoch.
+    pub changed_s: u64,
+    /// Name of the report beside it, if there is one.
+    pub report: Option<String>,
+}
+
+/// The recordings of a folder, the newest first.
+pub fn list(folder: &Path) -> Vec<RecordingFile> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut found: Vec<RecordingFile> = entries
+        .filter_map(|entry| {
+            let file = entry.file_name().into_string().ok()?;
+            let metadata = entry.metadata().ok()?;
+            let changed = metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+            let report = is_name(&file, ".mcap").then(|| file.replace(".mcap", ".html"))?;
+            Some(RecordingFile {
+                bytes: metadata.len(),
+                changed_s: changed.as_secs(),
+                report: folder.join(&report).is_file().then_some(report),
+                file,
+            })
+        })
+        .collect();
+    found.sort_by(|a, b| (b.changed_s, &b.file).cmp(&(a.changed_s, &a.file)));
+    found.truncate(LISTED_MAX);
+    found
+}
+
+/// Path of a recording or a report, given by its name alone; `None` if there is none.
+pub fn path(folder: &Path, file: &str) -> Option<PathBuf> {
+    let path = folder.join(file);
+    let good = is_name(file, ".html") || is_name(file, ".mcap");
+    (good && path.is_file()).then_some(path)
+}
+
+fn is_name(name: &str, end: &str) -> bool {
+    let good = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    name.len() <= 200 && name.ends_with(end) && !name.starts_with('.') && name.chars().all(good)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_are_listed_with_the_reports_beside_them() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.mcap", "a.html", "b.mcap", "c.txt", "cell.toml"] {
+            fs::write(folder.path().join(name), name).unwrap();
+        }
+        let mut listed = list(folder.path());
+        listed.sort_by(|a, b| a.file.cmp(&b.file));
+        assert_eq!(listed.len(), 2);
+        assert_eq!(listed[0].report.as_deref(), Some("a.html"));
+        assert_eq!((listed[1].report.as_deref(), listed[1].bytes), (None, 6));
+        assert!(path(folder.path(), "a.html").is_some());
+        assert!(path(folder.path(), "b.mcap").is_some());
+        for name in ["cell.toml", "b.html", "../a.html", "", "c.txt", ".html"] {
+            assert_eq!(path(folder.path(), name), None, "{name}");
+        }
+        assert_eq!(list(Path::new("/nowhere")), []);
+    }
+}

@@ -1,0 +1,195 @@
+"""An operator in a real browser, on the page of a live simulated cell: from start to report by
+clicks, by keyboard alone, on a phone in the dark beside it, with STOP in each phase, and with the
+connection cut.
+
+Arguments: the page's address with its token, the process id of the service, a folder for pictures.
+Prints one JSON object. Exit code 77: the browser, its driver or selenium is missing.
+"""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+
+try:
+    from selenium import webdriver
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+    from selenium.webdriver.support.ui import Select
+except ImportError:
+    print("selenium is not installed")
+    sys.exit(77)
+
+BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+if not (BROWSER and DRIVER):
+    print("chromium or its driver is not installed")
+    sys.exit(77)
+
+ADDRESS, SERVICE, PICTURES = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+PATIENCE_S = 30
+found = {"stopped_in": []}
+
+
+def browser(phone=False):
+    options = webdriver.ChromeOptions()
+    options.binary_location = BROWSER
+    for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,1000",
+                     "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]:
+        options.add_argument(argument)
+    if phone:
+        metrics = {"width": 390, "height": 844, "pixelRatio": 1.0, "touch": True}
+        options.add_experimental_option("mobileEmulation", {"deviceMetrics": metrics})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
+    driver.set_script_timeout(PATIENCE_S)
+    return driver
+
+
+def wait(what, holds, patience_s=PATIENCE_S):
+    until = time.monotonic() + patience_s
+    while time.monotonic() < until:
+        value = holds()
+        if value:
+            return value
+        time.sleep(0.05)
+    for driver, name in [(desk, "desk"), (phone, "phone")]:
+        driver.save_screenshot(os.path.join(PICTURES, f"failed-{name}.png"))
+        print(name, text(driver, "phase"), text(driver, "answer"), text(driver, "fault"), file=sys.stderr)
+    raise AssertionError(f"{what}: not within {patience_s} s")
+
+
+def element(driver, name):
+    return driver.find_element(By.ID, name)
+
+
+def text(driver, name):
+    return element(driver, name).text
+
+
+def click(driver, name):
+    wait(f"{name} can be clicked", element(driver, name).is_enabled)
+    element(driver, name).click()
+
+
+def in_phase(driver, *words):
+    return wait(f"{words}", lambda: any(word in text(driver, "phase") for word in words))
+
+
+def ended(driver):
+    in_phase(driver, "Done", "Ended", "Ready")
+
+
+def picture(driver, name):
+    driver.save_screenshot(os.path.join(PICTURES, f"{name}.png"))
+
+
+def start(driver):
+    """Starts the task by clicks, as soon as the cell takes it."""
+
+    def begun():
+        if element(driver, "start").is_enabled():
+            element(driver, "start").click()
+            time.sleep(0.3)
+        return not element(driver, "start").is_enabled()
+
+    wait("the task starts", begun)
+
+
+desk, phone = browser(), browser(phone=True)
+try:
+    phone.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]})
+    desk.get(ADDRESS)
+    phone.get(ADDRESS.split("#")[0])
+    for driver in (desk, phone):
+        wait("the page is live", lambda: text(driver, "link") == "live")
+    found["token_in_address"] = "token" in desk.current_url
+    found["you"] = [text(desk, "you"), text(phone, "you")]
+
+    # From start to done by clicks, seen on both.
+    wait("tasks are listed", lambda: len(Select(element(desk, "tasks")).options) == 2)
+    Select(element(desk, "tasks")).select_by_value("wipe.toml")
+    start(desk)
+    in_phase(desk, "Sliding")
+    in_phase(phone, "Sliding")
+    wait("dose is painted", lambda: "cm² touched" in text(desk, "dose-words"))
+    wait("the force is shown", lambda: float(text(desk, "force-now").split()[0]) > 1.0)
+    click(desk, "view-surface")
+    click(desk, "pause")
+    in_phase(phone, "Paused")
+    picture(desk, "paused")
+    click(desk, "resume")
+    in_phase(phone, "Sliding")
+    found["phone_may"] = {name: element(phone, name).is_enabled() for name in ("start", "pause", "stop")}
+    picture(phone, "phone")
+    found["phone_width"] = phone.execute_script("return document.documentElement.scrollWidth")
+    found["phone_dark"] = phone.execute_script("return getComputedStyle(document.body).backgroundColor")
+    found["phone_stop"] = phone.execute_script(
+        "const r = document.getElementById('stop').getBoundingClientRect(); return [r.top, r.bottom, innerHeight]")
+    in_phase(desk, "Done")
+    picture(desk, "done")
+    found["lights"] = [row.get_attribute("class") for row in desk.find_elements(By.CSS_SELECTOR, "#lights li")]
+    found["webgl"] = not element(desk, "no-scene").is_displayed()
+
+    # The phone, which has no token, stops the long task in several phases.
+    Select(element(desk, "tasks")).select_by_value("long.toml")
+    for word, more in [("Standing still: the sensor", None), ("Approaching", None), ("Sliding", None), ("Paused", "pause")]:
+        start(desk)
+        if more:
+            in_phase(desk, "Sliding")
+            click(desk, more)
+        in_phase(phone, word)
+        element(phone, "stop").click()
+        ended(desk)
+        found["stopped_in"].append(word.split()[0])
+
+    # The service is silent for a while, as if the connection was cut.
+    os.kill(SERVICE, signal.SIGSTOP)
+    try:
+        wait("the page says that it is cut off", lambda: element(desk, "banner").is_displayed())
+        time.sleep(0.5)
+        found["cut"] = text(desk, "banner")
+        picture(desk, "cut")
+    finally:
+        os.kill(SERVICE, signal.SIGCONT)
+    wait("the page is live again", lambda: text(desk, "link") == "live")
+
+    # By keyboard alone.
+    desk.refresh()
+    wait("the page is live", lambda: text(desk, "link") == "live")
+    wait("the task can be started", element(desk, "start").is_enabled)
+    reached = []
+
+    def press(key):
+        desk.switch_to.active_element.send_keys(key)
+
+    for _ in range(12):
+        press(Keys.TAB)
+        reached.append(desk.switch_to.active_element.get_attribute("id"))
+        if reached[-1] == "tasks":
+            press("w")
+        if reached[-1] == "start":
+            break
+    found["reached"] = reached
+    press(Keys.ENTER)
+    wait("the task runs", lambda: not element(desk, "start").is_enabled())
+    in_phase(desk, "Approaching", "Standing", "Touching", "Sliding")
+    press(Keys.ESCAPE)
+    ended(desk)
+
+    # The report of what was recorded.
+    click(desk, "list-recordings")
+    make = wait("a recording is listed", lambda: desk.find_elements(By.CSS_SELECTOR, "#recordings button"))
+    make[0].click()
+    wait("the report is there", lambda: desk.find_elements(By.CSS_SELECTOR, "#recordings a"))
+    link = desk.find_element(By.CSS_SELECTOR, "#recordings a").get_attribute("href")
+    desk.get(link)
+    found["report"] = desk.title or desk.find_element(By.TAG_NAME, "body").text[:60]
+    picture(desk, "report")
+    logs = desk.get_log("browser") + phone.get_log("browser")
+    found["errors"] = [one["message"] for one in logs if one["level"] == "SEVERE" and "ERR_" not in one["message"]]
+    print(json.dumps(found))
+finally:
+    for driver in (desk, phone):
+        driver.quit()

@@ -1,0 +1,122 @@
+//! The page that compares two runs.
+
+use std::fmt::Write as _;
+
+use tangent_simulation::metrics::angle_deg;
+
+use super::{escaped, plots};
+use crate::difference::{Difference, run_words};
+use crate::error::ReportError;
+use crate::figures::Report;
+use crate::plot::{Axes, Curve};
+use crate::task_run::{Cycle, TaskRun};
+
+pub(super) fn body(
+    difference: &Difference,
+    a: &TaskRun<'_>,
+    b: &TaskRun<'_>,
+) -> Result<String, ReportError> {
+    let mut html = String::new();
+    for (letter, report) in [("A", &difference.a), ("B", &difference.b)] {
+        let words = report.events.verdict_words(report.fault.as_deref());
+        let _ = writeln!(
+            html,
+            "<p><b>{letter}</b>: {}<br><span class=\"note\">{}</span></p>",
+            escaped(&run_words(report)),
+            escaped(&words)
+        );
+    }
+    html += &figures(difference);
+    html += &settings(difference);
+    html.push_str("<h2>Plots</h2>\n<p class=\"note\">Time runs from the start of each task.</p>\n");
+    html += &both(a, b, "Pressing force", "N", |c| c.sample.force_n)?;
+    html += &both(a, b, "Tool against the surface", "degrees", |c| {
+        let truth = c.sample.truth.filter(|t| t.in_contact);
+        let tool = truth.map(|t| angle_deg(&t.normal, &-t.tool_z));
+        let estimate = c.sample.estimate.filter(|_| c.sample.in_contact);
+        tool.or_else(|| Some(angle_deg(&estimate?.normal, &-c.sample.tool_z)))
+    })?;
+    html += &both(a, b, "Distance from the path", "mm", |c| {
+        let slides = c.sample.phase == tangent_control::Phase::Slide;
+        slides.then_some(1e3 * c.sample.path_error_m)
+    })?;
+    Ok(html)
+}
+
+/// Title of the page.
+pub(super) fn title(difference: &Difference) -> String {
+    let name = |report: &Report| {
+        let task = report.task.and_then(|n| report.tasks.get(n - 1));
+        task.map_or("no task", |t| t.name.as_str()).to_owned()
+    };
+    format!(
+        "Two runs: {} and {}",
+        name(&difference.a),
+        name(&difference.b)
+    )
+}
+
+fn figures(difference: &Difference) -> String {
+    let mut html = "<h2>Figures</h2>\n<div class=\"wide\"><table><tr><th></th><th>A</th><th>B</th><th>B - A</th></tr>\n"
+        .to_owned();
+    for one in &difference.figures {
+        let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+        let change = one.a.zip(one.b).map(|(a, b)| b - a);
+        let change = change.map_or_else(|| "-".to_owned(), |v| format!("{v:+.3}"));
+        let unit = if one.unit.is_empty() { "" } else { ", " };
+        let _ = writeln!(
+            html,
+            "<tr><td>{}{unit}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{change}</td></tr>",
+            one.name,
+            one.unit.replace("us", "µs"),
+            number(one.a),
+            number(one.b)
+        );
+    }
+    html.push_str("</table></div>\n");
+    html
+}
+
+fn settings(difference: &Difference) -> String {
+    if difference.settings.is_empty() {
+        return "<h2>Settings</h2>\n<p>No setting differs.</p>\n".to_owned();
+    }
+    let mut html = "<h2>Settings that differ</h2>\n<div class=\"wide\"><table><tr><th>Where</th><th>Key</th><th>A</th>\
+                    <th>B</th></tr>\n"
+        .to_owned();
+    for setting in &difference.settings {
+        let value = |v: &Option<String>| escaped(v.as_deref().unwrap_or("-"));
+        let _ = writeln!(
+            html,
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            escaped(&setting.place),
+            escaped(&setting.key),
+            value(&setting.a),
+            value(&setting.b)
+        );
+    }
+    html.push_str("</table></div>\n");
+    html
+}
+
+fn both(
+    a: &TaskRun<'_>,
+    b: &TaskRun<'_>,
+    title: &'static str,
+    unit: &'static str,
+    value: impl Fn(&Cycle<'_>) -> Option<f64>,
+) -> Result<String, ReportError> {
+    let axes = Axes {
+        title,
+        x: "time, s",
+        y: unit,
+        equal: false,
+        reference: None,
+        bands: &[],
+    };
+    let curves: [(&str, Curve); 2] = [
+        ("A", plots::curve(a, &value)),
+        ("B", plots::curve(b, &value)),
+    ];
+    plots::figure(&axes, &curves, "")
+}
