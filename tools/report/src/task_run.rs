@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Vector3};
-use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};

@@ -380,7 +380,7 @@ fn what_is_no_recording_of_a_cell_is_refused_with_a_way_out() {
         assert!(error.contains(words), "{error}");
     }
     std::fs::write(&path, "no recording").unwrap();
-    let error = with_causes(&read(&[path], None, false).err().unwrap());
+    let error = with_causes(&read(&[path], Part::default(), false).err().unwrap());
     assert!(
         error.contains("other.mcap") && error.contains("not an MCAP file"),
         "{error}"

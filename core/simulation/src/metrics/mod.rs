@@ -86,7 +86,7 @@ impl CycleSample {
 
     /// Pressing force, N: the true one if it is known, otherwise the measured one; `None` if
     /// neither is.
-    fn pressing_n(&self) -> Option<f64> {
+    pub fn pressing_n(&self) -> Option<f64> {
         self.truth.map_or(self.force_n, |t| Some(t.force_n))
     }
 }
