@@ -86,12 +86,24 @@ fn python(variable: &str, place: &str) -> PathBuf {
     }
 }
 
+/// Reports what is missing.
+///
+/// # Panics
+/// `TANGENT_REQUIRE_INTEROP` is set.
+fn skip(reason: &str, install: &str) {
+    assert!(
+        std::env::var_os("TANGENT_REQUIRE_INTEROP").is_none(),
+        "TANGENT_REQUIRE_INTEROP is set, but {reason}"
+    );
+    eprintln!("skipped, because {reason} ({install})");
+}
+
 /// Gives every message to a script, and reads what each library named in `writers` wrote.
 fn compare(python: &Path, script: &str, writers: &[&str], install: &str) {
     let mut all = Vec::new();
     common::for_every_message!(cases, &mut all);
     let input = json!({ "files": FILES, "cases": all }).to_string();
-    let mut child = Command::new(python)
+    let child = Command::new(python)
         .arg(
             Path::new(env!("CARGO_MANIFEST_DIR"))
                 .join("tests")
@@ -99,21 +111,18 @@ fn compare(python: &Path, script: &str, writers: &[&str], install: &str) {
         )
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
-        .spawn()
-        .unwrap_or_else(|error| panic!("{}: {error}", python.display()));
+        .spawn();
+    let mut child = match child {
+        Ok(child) => child,
+        Err(error) => return skip(&format!("{}: {error}", python.display()), install),
+    };
     let mut stdin = child.stdin.take().unwrap();
     let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
     let output = child.wait_with_output().unwrap();
     let written = writer.join().unwrap();
     if output.status.code() == Some(MISSING) {
         let reason = String::from_utf8_lossy(&output.stdout);
-        let reason = reason.trim();
-        assert!(
-            std::env::var_os("TANGENT_REQUIRE_INTEROP").is_none(),
-            "TANGENT_REQUIRE_INTEROP is set, but {reason}"
-        );
-        eprintln!("skipped, because {reason} ({install})");
-        return;
+        return skip(reason.trim(), install);
     }
     written.unwrap();
     assert!(
