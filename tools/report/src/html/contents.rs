@@ -31,7 +31,7 @@ pub(super) fn faults(run: &Run, task: &TaskRun<'_>) -> String {
 }
 
 pub(super) fn stored(run: &Run) -> String {
-    let mut html = "<h2>What the recording holds</h2>\n<table><tr><th>Topic</th><th>Type</th><th>Messages</th></tr>\n".to_owned();
+    let mut html = "<h2>What the recording holds</h2>\n<div class=\"wide\"><table><tr><th>Topic</th><th>Type</th><th>Messages</th></tr>\n".to_owned();
     for (topic, (type_name, count)) in &run.topics {
         let _ = writeln!(
             html,
@@ -40,7 +40,7 @@ pub(super) fn stored(run: &Run) -> String {
             escaped(type_name)
         );
     }
-    html.push_str("</table>\n");
+    html.push_str("</table></div>\n");
     for (name, table) in &run.tables {
         let _ = write!(
             html,

@@ -254,7 +254,7 @@ pub(super) fn estimators(
     if report.estimators.is_empty() {
         return Ok(String::new());
     }
-    let mut html = "<h2>Comparison of the estimators</h2>\n<table><tr><th>Estimator</th><th>Rate, Hz</th>\
+    let mut html = "<h2>Comparison of the estimators</h2>\n<div class=\"wide\"><table><tr><th>Estimator</th><th>Rate, Hz</th>\
                     <th>Age at use, mean / 95 %</th><th>From the one in use, mean / 95 %</th><th>Error, mean / RMS</th>\
                     <th>Settled, mean / RMS</th><th>Tool against it, mean / RMS</th><th>NEES</th></tr>\n"
         .to_owned();
@@ -294,7 +294,7 @@ pub(super) fn estimators(
                 .map_or_else(|| "-".to_owned(), |n| format!("{n:.2}")),
         );
     }
-    html.push_str("</table>\n");
+    html.push_str("</table></div>\n");
     for switch in &report.estimator_switches {
         let _ = writeln!(
             html,
