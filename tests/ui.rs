@@ -41,7 +41,8 @@ struct Served {
 }
 
 impl Served {
-    fn start(on_lost_page: &str) -> Self {
+    /// Tasks are lines of some strokes, with or without a tare.
+    fn start(on_lost_page: &str, offered: &[(&str, bool, u32)]) -> Self {
         let mut cell = Cell::new(|cell| {
             set(cell, "ui.address", format!("127.0.0.1:{}", ports::free()));
             set(cell, "ui.on_lost_page", on_lost_page);
@@ -49,10 +50,10 @@ impl Served {
         let folder = cell.file().parent().unwrap().to_owned();
         let tasks = folder.join("tasks");
         fs::create_dir(&tasks).unwrap();
-        for (name, strokes) in [("wipe", 2), ("long", 20)] {
+        for (name, tare, strokes) in offered {
             let text = format!(
-                "name = \"{name}\"\ntare = true\nforce.reference_n = 3.0\nend.retract_distance_m = 0.005\n\
-                 [path]\nkind = \"line\"\nto_m = [0.06, 0.0]\nspeed_m_per_s = 0.02\nstrokes = {strokes}\n"
+                "name = \"{name}\"\ntare = {tare}\nforce.reference_n = 3.0\nend.retract_distance_m = 0.005\n\
+                 [path]\nkind = \"line\"\nto_m = [0.04, 0.0]\nspeed_m_per_s = 0.02\nstrokes = {strokes}\n"
             );
             fs::write(tasks.join(format!("{name}.toml")), text).unwrap();
         }
@@ -181,7 +182,7 @@ fn commands(recording: &Recording) -> Vec<OperatorCommand> {
 #[test]
 fn a_task_is_driven_from_the_page_and_everything_is_recorded() {
     live_beside_others(|| {
-        let mut served = Served::start("pause");
+        let mut served = Served::start("pause", &[("long", true, 20)]);
         served.begin("long.toml");
         let here = Arc::new(AtomicBool::new(true));
         let page = std::thread::spawn({
@@ -280,7 +281,7 @@ fn a_task_is_driven_from_the_page_and_everything_is_recorded() {
 #[test]
 fn an_operator_works_with_it_in_a_browser() {
     live(|| {
-        let served = Served::start("nothing");
+        let served = Served::start("nothing", &[("wipe", true, 2), ("long", false, 20)]);
         let pictures = tempfile::tempdir().unwrap();
         let folder = std::env::var_os("TANGENT_PICTURES")
             .map_or_else(|| pictures.path().to_owned(), PathBuf::from);
@@ -298,7 +299,7 @@ fn an_operator_works_with_it_in_a_browser() {
         assert_eq!(found["phone_dark"], "rgb(17, 22, 28)");
         let place: Vec<f64> = serde_json::from_value(found["phone_stop"].clone()).unwrap();
         assert!(place[0] > 0.0 && place[1] <= place[2], "{place:?}");
-        let stopped = json!(["Standing", "Approaching", "Sliding", "Paused"]);
+        let stopped = json!(["Standing still", "Sliding", "Approaching", "Paused"]);
         assert_eq!(found["stopped_in"], stopped);
         let cut = found["cut"].as_str().unwrap();
         assert!(

@@ -11,7 +11,7 @@ pub fn cdr(data: &[u8]) {
     let Some((&kind, bytes)) = data.split_first() else {
         return;
     };
-    let check: fn(&[u8]) = match kind % 20 {
+    let check: fn(&[u8]) = match kind % 21 {
         0 => check::<tangent::ArmState>,
         1 => check::<tangent::ArmCommand>,
         2 => check::<tangent::WrenchStatus>,
@@ -31,7 +31,8 @@ pub fn cdr(data: &[u8]) {
         16 => check::<standard::Image>,
         17 => check::<standard::CameraInfo>,
         18 => check::<standard::MarkerArray>,
-        _ => check::<standard::TFMessage>,
+        19 => check::<standard::TFMessage>,
+        _ => check::<tangent::OperatorCommand>,
     };
     check(bytes);
 }

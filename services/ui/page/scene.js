@@ -97,7 +97,7 @@ export class ArmScene {
     this.tool = joints.at(-1);
     this.tool_z = vector(space.tool_z);
     this.draw_links(joints);
-    this.arrow(this.normal, space.normal, () => 0.08);
+    this.arrow(this.normal, space.normal, () => 0.05);
     this.arrow(this.force, space.force, (length) => length * METRES_PER_N);
     this.wanted.visible = space.reference != null;
     if (space.reference) this.wanted.position.copy(vector(space.reference));
@@ -112,7 +112,7 @@ export class ArmScene {
     const long = Math.min(0.5, length(v.length()));
     arrow.position.copy(this.tool);
     arrow.setDirection(v.clone().normalize());
-    arrow.setLength(Math.max(long, 0.005), Math.min(0.02, long * 0.4), 0.012);
+    arrow.setLength(Math.max(long, 0.005), Math.min(0.012, long * 0.4), 0.006);
   }
 
   // A cylinder from each joint to the next, a ball at each joint; the last one is the tool.
