@@ -221,17 +221,13 @@ fn a_wrong_cell_name_is_answered_with_the_cells_that_are_there() {
 #[test]
 fn messages_of_check_are_wrapped_on_a_terminal_only() {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("task.toml");
-    let text = fs::read_to_string(root().join("deploy/tasks/raster.toml")).unwrap();
-    fs::write(
-        &path,
-        text.replace("reference_n = 3.0", "reference_n = 3e9"),
-    )
-    .unwrap();
+    let path = folder.path().join("cell.toml");
+    let text = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+    fs::write(&path, text.replace("model = \"ur5\"", "model = \"ur5f\"")).unwrap();
     let output = run(&["check", path.to_str().unwrap()]);
     assert_eq!(output.status.code(), Some(2));
     let whole = stdout(&output);
-    let message = whole.lines().find(|line| line.contains("reference_n"));
+    let message = whole.lines().find(|line| line.contains("ur5f"));
     let message = message.unwrap_or_else(|| panic!("{whole}")).trim();
 
     // `script` gives the command a terminal.
@@ -250,7 +246,7 @@ fn messages_of_check_are_wrapped_on_a_terminal_only() {
     };
     let shown = stdout(&shown).replace('\r', "");
     assert!(message.chars().count() > 78, "{message}");
-    for line in shown.lines().filter(|line| !line.contains("/task.toml")) {
+    for line in shown.lines().filter(|line| !line.contains("/cell.toml")) {
         assert!(line.chars().count() <= 80, "{line}");
     }
     let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");

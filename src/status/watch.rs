@@ -25,7 +25,8 @@ pub fn run(args: &Args, config: &CellConfig, as_json: bool) -> Result<Outcome> {
     };
     let term = Term::stdout();
     let mut shown = 0;
-    // Of a cell without services: whether others have some. Looked up once, since it takes a second.
+    // Of a cell without services: whether others have some. Looked up once, since that takes a
+    // second.
     let mut others: Option<String> = None;
     while !stop.is_stopped() {
         let all = look(args, config, &bus)?;

@@ -5,8 +5,9 @@ use serde::de::{self, DeserializeSeed, Deserializer, Visitor};
 
 use super::{CdrError, CdrFault, HEADER};
 
-/// Reads one message. Up to three bytes of any value may follow it, to a multiple of four: rclpy and
-/// rmw_fastrtps round the size of a serialized message up, and leave the rest of the buffer as it was.
+/// Reads one message. Up to three bytes of any value may follow it, to a multiple of four: rclpy
+/// and rmw_fastrtps round the size of a serialized message up, and leave the rest of the buffer as
+/// it was.
 ///
 /// # Errors
 /// The bytes are damaged; the error gives the field and byte offset where this was noticed.

@@ -23,8 +23,8 @@ pub struct Pressed {
 }
 
 impl Pressed {
-    /// Reads it from the state of the controller. `None` unless the tool is meant to press and does,
-    /// and everything is finite.
+    /// Reads it from the state of the controller. `None` unless the tool is meant to press and
+    /// does, and everything is finite.
     pub fn of(
         control: &ControlState,
         base_from_tool: &Pose<Base, Tool>,

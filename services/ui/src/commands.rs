@@ -70,7 +70,8 @@ impl Command {
     /// The role that it needs; `None`: anyone who may read may give it.
     pub fn role(&self) -> Option<Role> {
         match self {
-            // A stop brings the tool to safety, so nobody who sees the page has to look for a token.
+            // A stop brings the tool to safety, so nobody who sees the page has to look for a
+            // token.
             Self::Stop => None,
             Self::Start { .. } | Self::Pause | Self::Resume | Self::Tare => Some(Role::Operator),
             Self::Estimator { .. } => Some(Role::Engineer),

@@ -43,8 +43,8 @@ impl Config {
     /// From a cell's `[ui]` section. Reads the file of the tokens.
     ///
     /// # Errors
-    /// The page may not be served at its address, the file of the tokens is not usable, or the model
-    /// is not valid.
+    /// The page may not be served at its address, the file of the tokens is not usable, or the
+    /// model is not valid.
     pub fn from_cell(cell: &CellConfig, model: &ModelData) -> Result<Self, UiError> {
         let section = &cell.ui;
         section.may_listen().map_err(|allowed| UiError::Address {

@@ -1,8 +1,8 @@
 //! The operator's page: shows a cell in a browser, and passes people's commands on to it.
 //!
 //! It listens to `arm/state`, `control/state`, `base/pose`, the estimates and the healths, adds up
-//! the dose of pressure on the surface, and forms a snapshot 20 times a second. Every page reads the
-//! newest one over HTTP. Commands of people with a token are sent to the cell as requests, and
+//! the dose of pressure on the surface, and forms a snapshot 20 times a second. Every page reads
+//! the newest one over HTTP. Commands of people with a token are sent to the cell as requests, and
 //! published on `operator/command`, so that the recording has them. `tangent ui` and
 //! `tangent run ui` start it, in a process without the control loop.
 

@@ -1,4 +1,5 @@
-//! One task of a recording, by default the last, cycle by cycle, with the messages that belong to each cycle.
+//! One task of a recording, by default the last, cycle by cycle, with the messages that belong to
+//! each cycle.
 
 use std::collections::HashMap;
 

@@ -319,7 +319,7 @@ fn each_task_of_a_recording_is_judged_by_its_own_tolerances() {
     // Its peak is above 4 N.
     assert_eq!(last.accepted, Some(false));
     let second = read(&path, part(Some(2)), false).unwrap().report;
-    let figures = |report: &crate::Report| serde_json::to_value(&report.figures).unwrap();
+    let figures = |report: &crate::Report| serde_json::to_value(report.figures).unwrap();
     assert_eq!(figures(&second), figures(&last));
 
     let first = read(&path, part(Some(1)), true).unwrap();

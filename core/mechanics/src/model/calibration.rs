@@ -119,8 +119,8 @@ impl ModelData {
             link.com_m = com.coords.into();
             link.inertia_kg_m2 = inertia.transpose().into();
         }
-        // Frame i is that of joint i. Its place along nearly parallel axes is arbitrary; the joint's is
-        // that of the table.
+        // Frame i is that of joint i. Its place along nearly parallel axes is arbitrary; that of
+        // the joint is the table's.
         model.joint_from_origin_m = (0..self.dof)
             .map(|i| {
                 let new_from_old = frame(&model.dh.rows[..i]).inverse() * frame(&self.dh.rows[..i]);
