@@ -166,12 +166,9 @@ try:
     picture(phone, "phone")
 
     # The phone stops it in further phases.
-    stop_on_phone("Sliding")
-    start_and_stop_in("Approaching")
-    start(desk)
-    in_phase(desk, "Sliding")
     click(desk, "pause")
     stop_on_phone("Paused")
+    start_and_stop_in("Approaching")
 
     # The service is silent for a while, as if the connection was cut.
     os.kill(SERVICE, signal.SIGSTOP)
