@@ -53,7 +53,7 @@ impl Served {
         for (name, tare, strokes) in offered {
             let text = format!(
                 "name = \"{name}\"\ntare = {tare}\nforce.reference_n = 3.0\nend.retract_distance_m = 0.005\n\
-                 approach.speed_m_per_s = 0.015\n                 [path]\nkind = \"line\"\nto_m = [0.04, 0.0]\nspeed_m_per_s = 0.02\nstrokes = {strokes}\n"
+                 approach.speed_m_per_s = 0.015\n[path]\nkind = \"line\"\nto_m = [0.04, 0.0]\nspeed_m_per_s = 0.02\nstrokes = {strokes}\n"
             );
             fs::write(tasks.join(format!("{name}.toml")), text).unwrap();
         }
