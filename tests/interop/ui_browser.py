@@ -35,8 +35,9 @@ found = {"stopped_in": []}
 def browser(phone=False):
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,1000",
-                     "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]:
+    # The phone has no WebGL, as some have: the page works without the arm in space.
+    drawing = ["--disable-3d-apis"] if phone else ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1024,800", *drawing]:
         options.add_argument(argument)
     if phone:
         metrics = {"width": 390, "height": 844, "pixelRatio": 1.0, "touch": True}
@@ -143,7 +144,7 @@ try:
     in_phase(desk, "Done")
     wait("the whole path was driven", lambda: text(desk, "percent") == "100 %")
     picture(desk, "done")
-    found["webgl"] = not element(desk, "no-scene").is_displayed()
+    found["webgl"] = [not element(driver, "no-scene").is_displayed() for driver in (desk, phone)]
 
     # A longer task, seen on both, paused and resumed.
     Select(element(desk, "tasks")).select_by_value("long.toml")
@@ -213,7 +214,10 @@ try:
     found["report"] = desk.title or desk.find_element(By.TAG_NAME, "body").text[:60]
     picture(desk, "report")
     logs = desk.get_log("browser") + phone.get_log("browser")
-    found["errors"] = [one["message"] for one in logs if one["level"] == "SEVERE" and "ERR_" not in one["message"]]
+    # The service was silent for a while, and the phone has no WebGL.
+    expected = ("ERR_", "WebGL")
+    severe = [one["message"] for one in logs if one["level"] == "SEVERE"]
+    found["errors"] = [message for message in severe if not any(word in message for word in expected)]
     print(json.dumps(found))
 finally:
     for driver in (desk, phone):
