@@ -9,6 +9,7 @@ use tangent_runtime::{Bus, CellConfig};
 use tangent_schemas::tangent::Answer;
 
 use crate::output::{Outcome, bad_usage, print_json};
+use crate::table::message;
 
 /// Reads the cell file that `--cell` or TANGENT_CELL names. Without one, it is the built-in
 /// simulated cell.
@@ -78,7 +79,7 @@ pub fn print_answer(answer: &Answer, json: bool) -> Result<()> {
             "data": data(answer),
         }));
     }
-    println!("{}", answer.message);
+    message(0, &answer.message);
     if !answer.data.is_empty()
         && let Value::Object(fields) = data(answer)
     {

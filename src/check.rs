@@ -8,6 +8,7 @@ use tangent_check::{FileKind, Findings, OnCell, check_file};
 
 use crate::cli::Check;
 use crate::output::{Outcome, print_json};
+use crate::table::message;
 
 /// Checks the files and prints the errors in each.
 ///
@@ -53,9 +54,9 @@ fn print(path: &Path, kind: Option<FileKind>, findings: &Findings) {
         println!("{name}: {kind}, refused");
     }
     for error in &findings.errors {
-        println!("  {}", error.replace('\n', "\n  "));
+        error.lines().for_each(|line| message(2, line));
     }
     for note in &findings.notes {
-        println!("  note: {note}");
+        message(2, &format!("note: {note}"));
     }
 }

@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use anyhow::Result;
+use tangent_client::status::no_such_cell;
 use tangent_client::{health, session};
 use tangent_runtime::CellConfig;
 
@@ -20,6 +21,11 @@ pub fn run(args: &Health, config: &CellConfig, json: bool) -> Result<Outcome> {
     let bus = session::join(config)?;
     let patience = Duration::from_secs_f64(args.patience_s);
     let verdict = health::ask_after(&bus, &args.services, args.here, patience)?;
+    if verdict.services.iter().all(|s| s.instance.is_none())
+        && let Some(error) = no_such_cell(config)?
+    {
+        return Err(error.into());
+    }
     if json {
         print_json(&verdict)?;
     } else {

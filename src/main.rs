@@ -85,12 +85,15 @@ fn main() -> ExitCode {
     ExitCode::from(code)
 }
 
-/// For a request that nobody answers: whether the cell has another name than those on the network.
+/// For a command that has failed in a cell without services: the names of the cells that have some.
 fn in_which_cell(cli: &Cli, error: anyhow::Error) -> anyhow::Error {
-    if !matches!(
-        error.downcast_ref::<ClientError>(),
-        Some(ClientError::NoAnswer { .. })
-    ) {
+    let is_about_the_cell = cli.command.asks_a_cell()
+        && !output::is_usage(&error)
+        && !matches!(
+            error.downcast_ref::<ClientError>(),
+            Some(ClientError::Unreachable { .. } | ClientError::NoSuchCell { .. })
+        );
+    if !is_about_the_cell {
         return error;
     }
     match config_of(cli).map(|config| no_such_cell(&config)) {

@@ -1,5 +1,7 @@
 //! Tables and paragraphs on standard output, as wide as the terminal and 80 columns otherwise.
 
+use std::io::{self, IsTerminal};
+
 use comfy_table::presets::NOTHING;
 use comfy_table::{Cell, CellAlignment, ColumnConstraint, ContentArrangement, Table};
 
@@ -95,10 +97,28 @@ impl Columns {
 
 /// Prints a text with an indent, wrapped at words.
 pub fn paragraph(indent: u16, text: &str) {
+    println!("{}", wrapped(indent, text));
+}
+
+/// Prints one line of a message with an indent: wrapped at words on a terminal, in one piece
+/// elsewhere, where programs search it.
+pub fn message(indent: u16, line: &str) {
+    if io::stdout().is_terminal() {
+        // Excerpts of a file are aligned by their leading spaces.
+        let text = line.trim_start();
+        let spaces = u16::try_from(line.len() - text.len()).unwrap_or(0);
+        paragraph(indent + spaces, text);
+    } else {
+        println!("{:1$}{line}", "", usize::from(indent));
+    }
+}
+
+/// A text with an indent, wrapped at words.
+pub fn wrapped(indent: u16, text: &str) -> String {
     let mut table = empty();
     table.add_row([text]);
     for column in table.column_iter_mut() {
         column.set_padding((indent, 0));
     }
-    println!("{}", table.trim_fmt());
+    table.trim_fmt()
 }

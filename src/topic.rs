@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use serde_json::{Map, Value, json};
 use tangent_client::session;
+use tangent_client::status::no_such_cell;
 use tangent_client::topics::{self, Decoded, RateMeter, TopicSeen, decode};
 use tangent_runtime::bus::RawMessage;
 use tangent_runtime::{Bus, CellConfig, Stop};
@@ -38,6 +39,11 @@ pub fn run(command: &TopicCommand, config: &CellConfig, json: bool) -> Result<Ou
 }
 
 fn list(seen: &[TopicSeen], config: &CellConfig, json: bool) -> Result<Outcome> {
+    if seen.is_empty()
+        && let Some(error) = no_such_cell(config)?
+    {
+        return Err(error.into());
+    }
     if json {
         print_json(&json!({ "cell": config.cell.name, "topics": seen }))?;
     } else if seen.is_empty() {

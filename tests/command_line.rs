@@ -8,8 +8,9 @@ mod common;
 use std::fs;
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
-use common::{json, root, run, stderr, tangent};
+use common::{Process, json, port_offset, root, run, stderr, tangent, wait_for};
 
 fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
@@ -156,6 +157,104 @@ fn redirected_output_is_plain_and_fits_eighty_columns() {
     let said = stderr(&output);
     assert!(said.contains("waiting for a router"), "{said}");
     assert!(!said.contains('\x1b') && !said.contains(".rs:"), "{said}");
+}
+
+/// Every command that asks a cell under a wrong name is answered with the names of those that are
+/// there.
+#[test]
+fn a_wrong_cell_name_is_answered_with_the_cells_that_are_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let port = (7447 + port_offset()).to_string();
+    let text = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+    let file = |name: &str| {
+        let text = text.replace("7447", &port).replacen("cell1", name, 1);
+        let path = folder.path().join(format!("{name}.toml"));
+        fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let (there, wrong) = (file("cell1"), file("cell2"));
+    let _router = Process::start("router", &["run", "router", "--cell", &there]);
+    wait_for("the router", Duration::from_secs(60), || {
+        let output = run(&["health", "router", "--cell", &there]);
+        (output.status.code() == Some(0)).then_some(())
+    });
+    for args in [
+        &["status"][..],
+        &["task", "status"],
+        &["task", "start", "deploy/tasks/raster.toml"],
+        &[
+            "task",
+            "start",
+            "deploy/tasks/raster.toml",
+            "--wait-s",
+            "0.2",
+        ],
+        &[
+            "task",
+            "start",
+            "deploy/tasks/raster.toml",
+            "--follow",
+            "--wait-s",
+            "0.2",
+        ],
+        &["topic", "list", "--seconds", "0.2"],
+        &["topic", "echo", "arm/state", "--wait-s", "0.2"],
+        &["topic", "hz", "arm/state"],
+        &["estimator", "list"],
+        &["estimator", "use", "blend"],
+        &["param", "get"],
+        &["param", "get", "rtde"],
+        &["tare"],
+        &["robot", "status"],
+        &["health", "rtde", "--patience-s", "0.2"],
+    ] {
+        let output = run(&[args, &["--cell", &wrong, "--json"]].concat());
+        let error = json(&output)["error"].as_str().unwrap_or("").to_owned();
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {output:?}");
+        for word in ["`cell2`", "did you mean `cell1`", "there are: cell1"] {
+            assert!(error.contains(word), "{args:?}: no {word:?} in: {error}");
+        }
+    }
+}
+
+/// What `check` says fits a terminal of 80 columns; a pipe gets each message as one line.
+#[test]
+fn messages_of_check_are_wrapped_on_a_terminal_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("task.toml");
+    let text = fs::read_to_string(root().join("deploy/tasks/raster.toml")).unwrap();
+    fs::write(
+        &path,
+        text.replace("reference_n = 3.0", "reference_n = 3e9"),
+    )
+    .unwrap();
+    let output = run(&["check", path.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(2));
+    let whole = stdout(&output);
+    let message = whole.lines().find(|line| line.contains("reference_n"));
+    let message = message.unwrap_or_else(|| panic!("{whole}")).trim();
+
+    // `script` gives the command a terminal.
+    let command = format!(
+        "stty cols 80; {} check {}",
+        env!("CARGO_BIN_EXE_tangent"),
+        path.display()
+    );
+    let shown = Command::new("script")
+        .args(["-qec", &command, "/dev/null"])
+        .stdin(Stdio::null())
+        .output();
+    let Ok(shown) = shown else {
+        eprintln!("skipped, because `script` (util-linux) is not here");
+        return;
+    };
+    let shown = stdout(&shown).replace('\r', "");
+    assert!(message.chars().count() > 78, "{message}");
+    for line in shown.lines().filter(|line| !line.contains("/task.toml")) {
+        assert!(line.chars().count() <= 80, "{line}");
+    }
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(words(&shown).contains(&words(message)), "{shown}");
 }
 
 /// The completions know every verb; bash accepts its script.

@@ -55,6 +55,11 @@ fn cell_files() {
     assert_eq!(compose.controller, shipped.controller);
     assert_eq!(compose.recorder, shipped.recorder);
     assert_eq!(compose.simulator, shipped.simulator);
+    // The viewers' server listens in its container; its port is published on loopback only.
+    assert!(compose.foxglove.address.ip().is_unspecified() && compose.foxglove.insecure);
+    let compose = fs::read_to_string(root().join("docker-compose.yml")).unwrap();
+    let port = "\"127.0.0.1:${TANGENT_FOXGLOVE_PORT:-8765}:8765\"";
+    assert!(compose.contains(port), "{port}");
 
     let franka = load("cell.karacan.toml");
     assert!(franka.simulator.scenario.is_some_and(|file| file.is_file()));
@@ -230,6 +235,10 @@ fn the_compose_file_is_accepted() {
             "ros2",
             "--profile",
             "real-ros2",
+            "--profile",
+            "foxglove",
+            "--profile",
+            "real-foxglove",
         ];
         let output = here(&[&all[..], &["config"]].concat()).unwrap();
         let text = String::from_utf8_lossy(&output.stdout);
@@ -260,6 +269,8 @@ fn the_compose_file_is_accepted() {
             "docker-compose.tls.yml",
             "--profile",
             "real",
+            "--profile",
+            "real-foxglove",
             "config",
         ]);
         let real = String::from_utf8_lossy(&real.unwrap().stdout).into_owned();
@@ -269,6 +280,7 @@ fn the_compose_file_is_accepted() {
             ("real-robot", "robot.cell1"),
             ("real-estimator", "estimator.cell1"),
             ("real-recorder", "recorder"),
+            ("real-foxglove", "foxglove.cell1"),
         ] {
             let (_, block) = real.split_once(&format!("\n  {service}:\n")).unwrap();
             let lines = block.lines().take_while(|line| line.starts_with("   "));
@@ -311,6 +323,8 @@ fn the_compose_file_is_accepted() {
             "viewer",
             "ros2",
             "real-ros2",
+            "foxglove",
+            "real-foxglove",
         ] {
             assert!(
                 services.contains(service),

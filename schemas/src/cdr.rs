@@ -117,7 +117,7 @@ impl serde::de::Error for CdrError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::standard::{Header, Time, WrenchStamped};
+    use crate::standard::{Header, RegionOfInterest, Time, WrenchStamped};
     use crate::tangent::{ArmState, Health, NormalEstimate, Request};
     use crate::{FrameId, JointArray};
     use proptest::prelude::*;
@@ -194,6 +194,27 @@ mod tests {
             decode::<Time>(&bytes).unwrap_err().reason,
             CdrFault::Trailing(8)
         );
+    }
+
+    /// As rclpy 9.1.2 wrote `RegionOfInterest`: 17 bytes of message in 20.
+    #[test]
+    fn a_size_rounded_up_to_four_is_accepted_whatever_the_rest_holds() {
+        let message = RegionOfInterest {
+            x_offset: 1,
+            do_rectify: true,
+            ..RegionOfInterest::default()
+        };
+        let mut bytes = Vec::new();
+        encode(&message, &mut bytes).unwrap();
+        assert_eq!(bytes.len(), 21);
+        bytes.extend([0x5f, 0x5f, 0x63]);
+        assert_eq!(decode::<RegionOfInterest>(&bytes).unwrap(), message);
+        for more in [1, 2, 4] {
+            let longer = [&bytes[..], &[0; 4][..more]].concat();
+            let error = decode::<RegionOfInterest>(&longer).unwrap_err();
+            assert_eq!(error.reason, CdrFault::Trailing(3 + more));
+        }
+        assert!(decode::<RegionOfInterest>(&bytes[..22]).is_err());
     }
 
     #[test]

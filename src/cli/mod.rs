@@ -181,4 +181,14 @@ impl Command {
             | Self::Completions(_) => false,
         }
     }
+
+    /// Whether the command has a result only from the services of a running cell.
+    pub fn asks_a_cell(&self) -> bool {
+        // These bring services of their own, or look at the machine.
+        let has_its_own = matches!(
+            self,
+            Self::Run(_) | Self::Ui(_) | Self::Record(_) | Self::Doctor(_)
+        );
+        self.talks_to_a_cell() && !has_its_own
+    }
 }

@@ -4,12 +4,12 @@ use anyhow::{Context, Result};
 use console::Term;
 use serde_json::json;
 use tangent_client::session;
-use tangent_client::status::{Service, Status, of_cell, of_network};
+use tangent_client::status::{Service, Status, no_such_cell, of_cell, of_network};
 use tangent_runtime::{Bus, CellConfig, Stop};
 
 use crate::cli::Status as Args;
 use crate::output::Outcome;
-use crate::table::Columns;
+use crate::table::{Columns, wrapped};
 
 /// Shows the state until Ctrl-C. On a terminal, it replaces the one before and is cut to one
 /// screen; elsewhere, each is printed after the one before. With `--json`, each is one line.
@@ -25,6 +25,8 @@ pub fn run(args: &Args, config: &CellConfig, as_json: bool) -> Result<Outcome> {
     };
     let term = Term::stdout();
     let mut shown = 0;
+    // Of a cell without services: whether others have some. Looked up once, since it takes a second.
+    let mut others: Option<String> = None;
     while !stop.is_stopped() {
         let all = look(args, config, &bus)?;
         if stop.is_stopped() {
@@ -35,6 +37,14 @@ pub fn run(args: &Args, config: &CellConfig, as_json: bool) -> Result<Outcome> {
             continue;
         }
         let mut lines = screen(&all);
+        if !args.all && all.iter().all(|status| status.services.is_empty()) {
+            if others.is_none() {
+                let wrong = no_such_cell(config)?;
+                others = Some(wrong.map(|error| error.to_string()).unwrap_or_default());
+            }
+            let told = others.as_deref().unwrap_or_default();
+            lines.extend(wrapped(0, told).lines().map(str::to_owned));
+        }
         if term.is_term() {
             cut(&mut lines, usize::from(term.size().0));
             term.clear_last_lines(shown)?;

@@ -63,22 +63,29 @@ impl Chain {
         model.validate()?;
         let (steps, flange) = links_of(model);
         let mut links: Vec<ChainLink> = Vec::with_capacity(steps.len());
+        // A frame that moves along its joint's axis describes the same arm.
+        let joint_z_m = |i: usize| model.joint_from_origin_m.get(i).copied().unwrap_or(0.0);
+        let mut before_m = 0.0;
         for (i, (step, body)) in steps.iter().enumerate() {
             let offset = Vector3::z() * model.dh.rows[i].theta_offset_rad;
-            let at_zero = isometry(step) * UnitQuaternion::from_scaled_axis(offset);
+            let at_zero = along_z(-before_m)
+                * isometry(step)
+                * UnitQuaternion::from_scaled_axis(offset)
+                * along_z(joint_z_m(i));
+            before_m = joint_z_m(i);
             // The body is given in the joint's frame after its turn, which includes the offset.
             links.push(ChainLink {
                 name: frame_name(&model.links[i].name, i, &links),
                 joint: plain(&model.joint_names[i]),
                 parent_from_link: at_zero,
                 mass_kg: body.mass,
-                com_m: body.com,
+                com_m: body.com - Vector3::z() * before_m,
                 inertia_kg_m2: body.inertia,
             });
         }
         Ok(Self {
             links,
-            last_from_flange: isometry(&flange),
+            last_from_flange: along_z(-before_m) * isometry(&flange),
         })
     }
 
@@ -125,6 +132,10 @@ fn isometry(step: &Step) -> Isometry3<f64> {
         Translation3::from(step.origin),
         UnitQuaternion::from_rotation_matrix(&rotation),
     )
+}
+
+fn along_z(distance_m: f64) -> Isometry3<f64> {
+    Isometry3::translation(0.0, 0.0, distance_m)
 }
 
 /// The name with every character that a name in an XML file or a topic may not have replaced.

@@ -308,7 +308,7 @@ mod tests {
     #[test]
     fn every_model_agrees_in_every_quantity() {
         let mut compared = BTreeSet::new();
-        for (file, models, cases) in [(FILE, 5, 15), (UR_FILE, 7, 10)] {
+        for (file, models, cases) in [(FILE, 5, 15), (UR_FILE, 11, 10)] {
             let rows = compare(file, &[]).unwrap();
             assert_eq!(rows.len(), models * 9);
             for row in &rows {

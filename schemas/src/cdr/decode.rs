@@ -5,7 +5,8 @@ use serde::de::{self, DeserializeSeed, Deserializer, Visitor};
 
 use super::{CdrError, CdrFault, HEADER};
 
-/// Reads one message. Up to three zero bytes may follow it: some middlewares pad to four.
+/// Reads one message. Up to three bytes of any value may follow it, to a multiple of four: rclpy and
+/// rmw_fastrtps round the size of a serialized message up, and leave the rest of the buffer as it was.
 ///
 /// # Errors
 /// The bytes are damaged; the error gives the field and byte offset where this was noticed.
@@ -33,7 +34,7 @@ pub fn decode<T: de::DeserializeOwned>(bytes: &[u8]) -> Result<T, CdrError> {
     };
     let value = T::deserialize(&mut decoder).map_err(|error| decoder.locate(error))?;
     let rest = &bytes[decoder.offset..];
-    if rest.len() > 3 || rest.iter().any(|byte| *byte != 0) {
+    if !rest.is_empty() && bytes.len() != decoder.offset.next_multiple_of(4) {
         return Err(CdrError::new(
             decoder.offset,
             CdrFault::Trailing(rest.len()),

@@ -1,11 +1,12 @@
-//! Compares our bytes and definitions with two independent implementations: `rosbags` and
-//! `mcap-ros2-support`.
+//! Compares our bytes and definitions with three independent implementations: `rosbags`,
+//! `mcap-ros2-support`, and rclpy with the messages that ROS 2's own generators make.
 //!
-//! They come from `tests/interop/requirements.txt`. If they are missing, the test reports that and
-//! passes, unless `TANGENT_REQUIRE_INTEROP` is set.
+//! The first two come from `tests/interop/requirements.txt`, the third from
+//! `tests/interop/ros2/build`. If they are missing, the tests report that and pass, unless
+//! `TANGENT_REQUIRE_INTEROP` is set.
 use crate::common;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::common::sample::sample;
@@ -13,12 +14,20 @@ use serde_json::{Value, json};
 use tangent_schemas::definition::FILES;
 use tangent_schemas::{Message, cdr};
 
+/// Exit code of a script whose libraries are not installed.
+const MISSING: i32 = 77;
+
+fn encoded(message: &impl Message) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    cdr::encode(message, &mut bytes).unwrap();
+    bytes
+}
+
 /// One case per length of the sequences: zero, one, and enough to shift every alignment.
 fn cases<M: Message>(cases: &mut Vec<Value>) {
     for length in [0, 1, 3] {
         let message: M = sample(length);
-        let mut bytes = Vec::new();
-        cdr::encode(&message, &mut bytes).unwrap();
+        let bytes = encoded(&message);
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         cases.push(json!({
             "name": M::NAME,
@@ -29,18 +38,33 @@ fn cases<M: Message>(cases: &mut Vec<Value>) {
     }
 }
 
+/// Answers of a script, in the order of the cases: bytes by the name of the library that wrote
+/// them.
+struct Answers<'a> {
+    answers: std::slice::Iter<'a, Value>,
+    writers: &'a [&'a str],
+}
+
 /// Decodes the bytes that the other implementations wrote.
-fn read_back<M: Message>(answers: &mut std::slice::Iter<'_, Value>) {
+fn read_back<M: Message>(answers: &mut Answers<'_>) {
     for length in [0, 1, 3] {
-        let answer = answers.next().expect("an answer to every case");
-        for writer in ["rosbags", "mcap"] {
-            let hex = answer[writer].as_str().expect("hexadecimal bytes");
+        let answer = answers.answers.next().expect("an answer to every case");
+        for writer in answers.writers {
+            let hex = answer[*writer].as_str().expect("hexadecimal bytes");
             let bytes: Vec<u8> = (0..hex.len() / 2)
                 .map(|i| u8::from_str_radix(&hex[2 * i..2 * i + 2], 16).unwrap())
                 .collect();
-            let theirs: M = cdr::decode(&bytes)
-                .unwrap_or_else(|error| panic!("{} written by {writer}: {error}", M::NAME));
             let ours: M = sample(length);
+            let mut bytes = &bytes[..];
+            if *writer == "rclpy" {
+                // `serialize_message` returns a buffer of the estimated size, which counts the
+                // alignment of empty sequences. What is sent over a network has the exact size.
+                let exact = encoded(&ours).len();
+                assert!((exact..exact + 64).contains(&bytes.len()), "{}", M::NAME);
+                bytes = &bytes[..exact];
+            }
+            let theirs: M = cdr::decode(bytes)
+                .unwrap_or_else(|error| panic!("{} written by {writer}: {error}", M::NAME));
             assert_eq!(
                 json!(theirs),
                 json!(ours),
@@ -51,60 +75,85 @@ fn read_back<M: Message>(answers: &mut std::slice::Iter<'_, Value>) {
     }
 }
 
-fn python() -> PathBuf {
-    let own = concat!(env!("CARGO_MANIFEST_DIR"), "/../.venv/bin/python3");
-    match std::env::var_os("TANGENT_PYTHON") {
+/// The interpreter that a variable names, else the one at `place` in the repository, else the
+/// system's.
+fn python(variable: &str, place: &str) -> PathBuf {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(place);
+    match std::env::var_os(variable) {
         Some(path) => path.into(),
-        None if PathBuf::from(own).exists() => own.into(),
+        None if own.exists() => own,
         None => "python3".into(),
     }
 }
 
-/// Reason why the test cannot run here, if there is one.
-fn missing(python: &PathBuf) -> Option<String> {
-    let output = Command::new(python)
-        .args(["-c", "import rosbags.typesys, mcap_ros2.decoder"])
-        .output();
-    match output {
-        Ok(output) if output.status.success() => None,
-        Ok(output) => {
-            let said = String::from_utf8_lossy(&output.stderr);
-            Some(said.lines().last().unwrap_or_default().to_owned())
-        }
-        Err(error) => Some(format!("{}: {error}", python.display())),
+/// Reports what is missing.
+///
+/// # Panics
+/// `TANGENT_REQUIRE_INTEROP` is set.
+fn skip(reason: &str, install: &str) {
+    assert!(
+        std::env::var_os("TANGENT_REQUIRE_INTEROP").is_none(),
+        "TANGENT_REQUIRE_INTEROP is set, but {reason}"
+    );
+    eprintln!("skipped, because {reason} ({install})");
+}
+
+/// Gives every message to a script, and reads what each library named in `writers` wrote.
+fn compare(python: &Path, script: &str, writers: &[&str], install: &str) {
+    let mut all = Vec::new();
+    common::for_every_message!(cases, &mut all);
+    let input = json!({ "files": FILES, "cases": all }).to_string();
+    let child = Command::new(python)
+        .arg(
+            Path::new(env!("CARGO_MANIFEST_DIR"))
+                .join("tests")
+                .join(script),
+        )
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn();
+    let mut child = match child {
+        Ok(child) => child,
+        Err(error) => return skip(&format!("{}: {error}", python.display()), install),
+    };
+    let mut stdin = child.stdin.take().unwrap();
+    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
+    let output = child.wait_with_output().unwrap();
+    let written = writer.join().unwrap();
+    if output.status.code() == Some(MISSING) {
+        let reason = String::from_utf8_lossy(&output.stdout);
+        return skip(reason.trim(), install);
     }
+    written.unwrap();
+    assert!(
+        output.status.success(),
+        "{script} found a difference, see above"
+    );
+    let answers: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(answers.len(), all.len());
+    let mut answers = Answers {
+        answers: answers.iter(),
+        writers,
+    };
+    common::for_every_message!(read_back, &mut answers);
 }
 
 #[test]
 fn others_read_what_we_write_and_we_read_what_they_write() {
-    let python = python();
-    if let Some(reason) = missing(&python) {
-        assert!(
-            std::env::var_os("TANGENT_REQUIRE_INTEROP").is_none(),
-            "TANGENT_REQUIRE_INTEROP is set, but {reason}"
-        );
-        eprintln!("skipped, because {reason} (pip install -r tests/interop/requirements.txt)");
-        return;
-    }
-    let mut all = Vec::new();
-    common::for_every_message!(cases, &mut all);
-    let input = json!({ "files": FILES, "cases": all }).to_string();
-    let mut child = Command::new(&python)
-        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/independent.py"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
-    let output = child.wait_with_output().unwrap();
-    writer.join().unwrap().unwrap();
-    assert!(
-        output.status.success(),
-        "independent.py found a difference, see above"
+    compare(
+        &python("TANGENT_PYTHON", ".venv/bin/python3"),
+        "independent.py",
+        &["rosbags", "mcap"],
+        "pip install -r tests/interop/requirements.txt",
     );
-    let answers: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(answers.len(), all.len());
-    let mut answers = answers.iter();
-    common::for_every_message!(read_back, &mut answers);
+}
+
+#[test]
+fn ros_reads_what_we_write_and_we_read_what_ros_writes() {
+    compare(
+        &python("TANGENT_ROS2_PYTHON", ".ros2/python"),
+        "with_rclpy.py",
+        &["rclpy"],
+        "tests/interop/ros2/build",
+    );
 }

@@ -83,8 +83,18 @@ pub fn polyscope_version(reply: &str) -> Option<&str> {
 }
 
 /// Size of the arm as a number, from the name of a model or of a robot: 5 for `UR5`, `ur5e` and
-/// `UR5e`; `None` for other names.
+/// `UR5e`; `None` for other names. A UR7e is 5 and a UR12e 10: these arms have the geometry of a
+/// UR5e and a UR10e, and their controllers name those.
 pub fn ur_size(model: &str) -> Option<u32> {
+    ur_number(model).map(|number| match number {
+        7 => 5,
+        12 => 10,
+        other => other,
+    })
+}
+
+/// The number in the name of a model or of a robot: 7 for `ur7e`; `None` for other names.
+pub(crate) fn ur_number(model: &str) -> Option<u32> {
     let rest = model.trim().to_ascii_lowercase();
     let rest = rest.strip_prefix("ur")?;
     let digits: String = rest.chars().take_while(char::is_ascii_digit).collect();
@@ -371,6 +381,9 @@ mod tests {
             ("ur3e", Some(3)),
             ("ur10", Some(10)),
             ("UR10e", Some(10)),
+            ("ur7e", Some(5)),
+            ("ur12e", Some(10)),
+            ("ur15", Some(15)),
             ("UR16", Some(16)),
             ("ur16e", Some(16)),
             ("UR20", Some(20)),

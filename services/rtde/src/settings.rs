@@ -8,7 +8,7 @@ use tangent_runtime::config::{CellConfig, JointCountError, RealtimeConfig, Robot
 
 use crate::bridge::BridgeConfig;
 use crate::codec::Series;
-use crate::dashboard::ur_size;
+use crate::dashboard::{ur_number, ur_size};
 use crate::program::{ProgramConfig, ProgramError, RegisterMap};
 
 /// Time from sending a velocity until the arm follows it, s, as used by the gate.
@@ -51,7 +51,7 @@ pub enum SettingsError {
     },
     /// The arm has no force/torque sensor of its own.
     #[error(
-        "[sensor] driver = \"ur\" is not allowed with [robot] model = \"{model}\": only e-Series arms (ur3e to ur16e, ur15, ur20, ur30) \
+        "[sensor] driver = \"ur\" is not allowed with [robot] model = \"{model}\": only e-Series arms (ur3e to ur16e, ur15 to ur30) \
          have a force/torque sensor. Correct the model, or set driver to \"netft\" or \"topic\""
     )]
     NoSensor {
@@ -162,9 +162,9 @@ impl Config {
 
 /// CB3 or e-Series, from the model's name; `None` if the name does not determine it.
 pub fn series_of(model: &str) -> Option<Series> {
-    let size = ur_size(model)?;
-    let e_series = model.trim().to_ascii_lowercase().ends_with('e') || size >= 15;
-    match (e_series, size) {
+    let number = ur_number(model)?;
+    let e_series = model.trim().to_ascii_lowercase().ends_with('e') || number >= 15;
+    match (e_series, number) {
         (true, _) => Some(Series::ESeries),
         (false, 3 | 5 | 10) => Some(Series::Cb3),
         _ => None,
@@ -250,6 +250,10 @@ mod tests {
             ("ur5e", Some(Series::ESeries)),
             ("ur10e", Some(Series::ESeries)),
             ("ur16e", Some(Series::ESeries)),
+            ("ur7e", Some(Series::ESeries)),
+            ("ur12e", Some(Series::ESeries)),
+            ("ur15", Some(Series::ESeries)),
+            ("ur18", Some(Series::ESeries)),
             ("ur20", Some(Series::ESeries)),
             ("ur30", Some(Series::ESeries)),
             ("ur7", None),
@@ -270,6 +274,6 @@ mod tests {
             assert!(config.bridge.series.is_some(), "{name}");
             driven += 1;
         }
-        assert_eq!(driven, 9);
+        assert_eq!(driven, 13);
     }
 }

@@ -34,8 +34,10 @@ impl Geometry {
                 Some(3) => 3,
                 Some(10) => 2,
                 Some(16) => 4,
+                Some(18) => 5,
                 Some(20) => 7,
                 Some(30) => 8,
+                Some(15) => 9,
                 _ => 1,
             },
             ..Geometry::default()

@@ -37,8 +37,25 @@ pub fn is_required() -> bool {
 /// # Panics
 /// The script fails, or something is missing and [`is_required`].
 pub fn output_of(script: &str, arguments: &[impl AsRef<OsStr>]) -> Option<String> {
-    let python = python();
-    let output = Command::new(&python)
+    output(&python(), script, arguments)
+}
+
+/// What a script of `tests/interop` prints under a Python that has ROS 2 and the built packages of
+/// messages: `TANGENT_ROS2_PYTHON`, else the one that `tests/interop/ros2/build` makes. `None`, and
+/// the reason is printed, if it is missing.
+///
+/// # Panics
+/// The script fails, or Python is missing and [`is_required`].
+pub fn output_with_ros2(script: &str, arguments: &[impl AsRef<OsStr>]) -> Option<String> {
+    let python = match std::env::var_os("TANGENT_ROS2_PYTHON") {
+        Some(path) => path.into(),
+        None => root().join(".ros2/python"),
+    };
+    output(&python, script, arguments)
+}
+
+fn output(python: &Path, script: &str, arguments: &[impl AsRef<OsStr>]) -> Option<String> {
+    let output = Command::new(python)
         .arg(root().join("tests/interop").join(script))
         .args(arguments)
         .output();

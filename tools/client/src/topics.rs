@@ -46,7 +46,8 @@ pub fn subscribe(bus: &Bus, key: &str) -> Result<RawSubscription, ClientError> {
     Ok(bus.subscribe_raw(key, QUEUE)?)
 }
 
-/// All topics on which something is published within `time`, sorted. Ends early at `stop`.
+/// All topics on which something is published within `time` of the first message, sorted. Without
+/// any message, it ends after `time`. Ends early at `stop`.
 ///
 /// # Errors
 /// The bus refuses.
@@ -58,7 +59,7 @@ pub fn list(bus: &Bus, time: Duration, stop: &Stop) -> Result<Vec<TopicSeen>, Cl
         bytes: u64,
     }
     let all = subscribe(bus, "**")?;
-    let began = Instant::now();
+    let mut began = Instant::now();
     let mut seen: BTreeMap<String, Sum> = BTreeMap::new();
     while !stop.is_stopped() {
         let left = time.saturating_sub(began.elapsed());
@@ -68,6 +69,10 @@ pub fn list(bus: &Bus, time: Duration, stop: &Stop) -> Result<Vec<TopicSeen>, Cl
         let Some(message) = all.recv_timeout(left.min(LOOK)) else {
             continue;
         };
+        if seen.is_empty() {
+            // Until the router knows of the subscription, nothing arrives: up to a second.
+            began = message.received;
+        }
         let sum = seen.entry(message.key.to_string()).or_insert_with(|| Sum {
             type_name: message.type_name.to_string(),
             publishers: Vec::new(),
@@ -141,6 +146,29 @@ mod tests {
         assert_eq!(seen[0].r#type, "tangent_msgs/msg/ArmState");
         assert_eq!(seen[0].publishers, 1);
         assert!(seen[0].rate_hz > seen[1].rate_hz && seen[0].bytes_per_s > 0.0);
+    }
+
+    /// What arrives late because the subscription took its time has its full rate.
+    #[test]
+    fn the_rate_counts_from_the_first_message() {
+        let bus = Bus::in_process("test");
+        let arm = bus.publisher(&topics::ARM_STATE).unwrap();
+        let listing = {
+            let bus = bus.clone();
+            let time = Duration::from_millis(500);
+            std::thread::spawn(move || list(&bus, time, &Stop::new()).unwrap())
+        };
+        std::thread::sleep(Duration::from_millis(400));
+        let (began, mut sent) = (Instant::now(), 0_u32);
+        while !listing.is_finished() {
+            arm.publish(&ArmState::default());
+            sent += 1;
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let rate_hz = f64::from(sent) / began.elapsed().as_secs_f64();
+        let seen = listing.join().unwrap();
+        let found = seen[0].rate_hz / rate_hz;
+        assert!((0.7..1.4).contains(&found), "{found} of {rate_hz} Hz");
     }
 
     #[test]

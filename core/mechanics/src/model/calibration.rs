@@ -119,6 +119,14 @@ impl ModelData {
             link.com_m = com.coords.into();
             link.inertia_kg_m2 = inertia.transpose().into();
         }
+        // Frame i is that of joint i. Its place along nearly parallel axes is arbitrary; the joint's is
+        // that of the table.
+        model.joint_from_origin_m = (0..self.dof)
+            .map(|i| {
+                let new_from_old = frame(&model.dh.rows[..i]).inverse() * frame(&self.dh.rows[..i]);
+                new_from_old.translation.z
+            })
+            .collect();
         model
             .notes
             .push("Corrected by the factory calibration of one arm.".to_owned());
@@ -234,6 +242,34 @@ mod tests {
             assert!(moved.norm() < 1e-9, "{moved}");
             assert!((was.gravity(&q) - is.gravity(&q)).norm() < 1e-9);
             assert!((was.mass_matrix(&q) - is.mass_matrix(&q)).norm() < 1e-8);
+        }
+    }
+
+    /// The frames that are shown lie in the joints: within millimetres of those of the table, and
+    /// with the same flange.
+    #[test]
+    fn the_frames_of_a_calibrated_arm_lie_in_its_joints() {
+        let table = ModelData::builtin("ur5e").unwrap();
+        let text = conf(
+            "1e-4, -4e-4, 6e-4, -3e-4, 2e-5, -4e-5",
+            "4e-5, 4e-4, 1.5e-3, 4e-5, 5e-5, 0",
+            "2e-4, -6.3, 8.6, -2.2996, -7e-5, 4e-4",
+            "1e-4, 2.3e-4, 1.2e-4, 4.7e-4, -2.3e-4, 0",
+        );
+        let measured = table.calibrated(&text).unwrap();
+        let (was, is) = (Chain::new(&table).unwrap(), Chain::new(&measured).unwrap());
+        let arm = Arm::<6>::new(&measured).unwrap();
+        for q in poses() {
+            let (mut table, mut frame) = (Isometry3::identity(), Isometry3::identity());
+            for i in 0..6 {
+                table *= was.parent_from_link(i, q[i]);
+                frame *= is.parent_from_link(i, q[i]);
+                let apart = (table.translation.vector - frame.translation.vector).norm();
+                assert!(apart < 0.01, "link {i}: {apart} m");
+            }
+            let flange = is.base_from_flange(q.as_slice());
+            let expected = arm.base_from_flange(&q);
+            assert!((flange.translation.vector - expected.translation()).norm() < 1e-9);
         }
     }
 

@@ -16,14 +16,18 @@ pub use error::ModelError;
 /// Largest number of joints of a model.
 pub const DOF_MAX: usize = 8;
 
-const BUILTIN: [(&str, &str); 12] = [
+const BUILTIN: [(&str, &str); 16] = [
     ("ur3", include_str!("../../models/ur3.toml")),
     ("ur3e", include_str!("../../models/ur3e.toml")),
     ("ur5", include_str!("../../models/ur5.toml")),
     ("ur5e", include_str!("../../models/ur5e.toml")),
+    ("ur7e", include_str!("../../models/ur7e.toml")),
     ("ur10", include_str!("../../models/ur10.toml")),
     ("ur10e", include_str!("../../models/ur10e.toml")),
+    ("ur12e", include_str!("../../models/ur12e.toml")),
+    ("ur15", include_str!("../../models/ur15.toml")),
     ("ur16e", include_str!("../../models/ur16e.toml")),
+    ("ur18", include_str!("../../models/ur18.toml")),
     ("ur20", include_str!("../../models/ur20.toml")),
     ("ur30", include_str!("../../models/ur30.toml")),
     ("panda", include_str!("../../models/panda.toml")),
@@ -88,6 +92,10 @@ pub struct ModelData {
     /// Known poses close to a singularity, for tests.
     #[serde(default)]
     pub near_singular: Vec<NearSingular>,
+    /// Distance along each joint's axis from the origin of its frame to the joint itself, m. Empty
+    /// or zero, except after a factory calibration: [`calibrated`](Self::calibrated) sets it.
+    #[serde(skip)]
+    pub joint_from_origin_m: Vec<f64>,
 }
 
 /// Denavit-Hartenberg convention of a table.

@@ -122,6 +122,37 @@ fn a_model_from_a_file_is_described_as_well() {
     assert_eq!(robot.name, model.name);
 }
 
+/// Corrections of metres along parallel axes, as a real arm's calibration has them, are not drawn.
+#[test]
+fn a_calibrated_arm_is_drawn_as_the_arm_it_is() {
+    let zeros = "[0, 0, 0, 0, 0, 0]";
+    let text = format!(
+        "[mounting]\ndelta_theta = {zeros}\ndelta_a = {zeros}\n\
+         delta_d = [0, -6.3, 8.6, -2.3, 0, 0]\ndelta_alpha = {zeros}\n"
+    );
+    let table = ModelData::builtin("ur5e").unwrap();
+    let model = table.calibrated(&text).unwrap();
+    same_as_arm::<6>(&model);
+    let shapes = |model: &ModelData| {
+        let robot = urdf_rs::read_from_string(&urdf(model, &mounted()).unwrap()).unwrap();
+        let visuals = robot.links.into_iter().flat_map(|link| link.visual);
+        let sizes: Vec<f64> = visuals
+            .flat_map(|visual| match visual.geometry {
+                Geometry::Cylinder { radius, length } => vec![radius, length],
+                Geometry::Sphere { radius } => vec![radius],
+                Geometry::Box { size } => size.0.to_vec(),
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        sizes
+    };
+    let (drawn, expected) = (shapes(&model), shapes(&table));
+    assert_eq!(drawn.len(), expected.len());
+    for (size, expected) in drawn.iter().zip(&expected) {
+        assert!((size - expected).abs() < 1e-6, "{drawn:?} for {expected:?}");
+    }
+}
+
 #[test]
 fn golden_poses_are_those_of_the_urdf() {
     let mut compared = 0;

@@ -1,8 +1,13 @@
-//! `tangent_msgs` as a package of ROS 2: its list of files, and its dependencies.
+//! `tangent_msgs` as a package of ROS 2: its list of files, its dependencies, and the type hashes
+//! that ROS 2's own generator writes when colcon builds it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::PathBuf;
+
+use tangent_live::interop;
+use tangent_ros2::type_hash;
+use tangent_schemas::definition;
 
 fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../schemas/msg/tangent_msgs")
@@ -86,5 +91,27 @@ fn every_field_has_a_name_that_ros_accepts() {
         let stem = name.split('.').next().unwrap();
         assert!(stem.starts_with(|c: char| c.is_ascii_uppercase()), "{name}");
         assert!(stem.chars().all(|c| c.is_ascii_alphanumeric()), "{name}");
+    }
+}
+
+/// `tests/interop/ros2/build` builds the package with colcon.
+#[test]
+fn every_type_has_the_hash_that_the_generator_of_ros_writes() {
+    let Some(text) = interop::output_with_ros2("ros2/hashes.py", &[""; 0]) else {
+        return;
+    };
+    let theirs: BTreeMap<String, String> = serde_json::from_str(&text).unwrap();
+    for (name, _) in definition::FILES {
+        let ours = type_hash::of_message(name);
+        assert_eq!(ours.as_ref(), theirs.get(*name), "{name}");
+    }
+    for name in definition::SERVICES
+        .iter()
+        .map(|(name, _)| *name)
+        .chain(["std_srvs/srv/Trigger"])
+    {
+        let ours = type_hash::of_service(name);
+        assert!(ours.is_some(), "{name}");
+        assert_eq!(ours.as_ref(), theirs.get(name), "{name}");
     }
 }
