@@ -71,6 +71,8 @@ def text(driver, name):
 
 def click(driver, name):
     wait(f"{name} can be clicked", element(driver, name).is_enabled)
+    # Away from the bars that stay in view.
+    driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({ block: 'center' })", name)
     element(driver, name).click()
 
 
@@ -91,7 +93,7 @@ def start(driver):
 
     def begun():
         if element(driver, "start").is_enabled():
-            element(driver, "start").click()
+            click(driver, "start")
             time.sleep(0.3)
         return not element(driver, "start").is_enabled() or "Stop" in text(driver, "answer")
 
