@@ -15,6 +15,7 @@ import time
 
 try:
     from selenium import webdriver
+    from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
     from selenium.webdriver.support.ui import Select
@@ -191,7 +192,7 @@ try:
     reached = []
 
     def press(key):
-        desk.switch_to.active_element.send_keys(key)
+        ActionChains(desk).send_keys(key).perform()
 
     for _ in range(12):
         press(Keys.TAB)
