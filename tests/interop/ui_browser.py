@@ -15,6 +15,7 @@ import time
 
 try:
     from selenium import webdriver
+    from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
     from selenium.webdriver.support.ui import Select
@@ -35,8 +36,9 @@ found = {"stopped_in": []}
 def browser(phone=False):
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,1000",
-                     "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]:
+    # The phone has no WebGL, as some have: the page works without the arm in space.
+    drawing = ["--disable-3d-apis"] if phone else ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1024,800", *drawing]:
         options.add_argument(argument)
     if phone:
         metrics = {"width": 390, "height": 844, "pixelRatio": 1.0, "touch": True}
@@ -70,6 +72,8 @@ def text(driver, name):
 
 def click(driver, name):
     wait(f"{name} can be clicked", element(driver, name).is_enabled)
+    # Away from the bars that stay in view.
+    driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({ block: 'center' })", name)
     element(driver, name).click()
 
 
@@ -90,7 +94,7 @@ def start(driver):
 
     def begun():
         if element(driver, "start").is_enabled():
-            element(driver, "start").click()
+            click(driver, "start")
             time.sleep(0.3)
         return not element(driver, "start").is_enabled() or "Stop" in text(driver, "answer")
 
@@ -143,7 +147,7 @@ try:
     in_phase(desk, "Done")
     wait("the whole path was driven", lambda: text(desk, "percent") == "100 %")
     picture(desk, "done")
-    found["webgl"] = not element(desk, "no-scene").is_displayed()
+    found["webgl"] = [not element(driver, "no-scene").is_displayed() for driver in (desk, phone)]
 
     # A longer task, seen on both, paused and resumed.
     Select(element(desk, "tasks")).select_by_value("long.toml")
@@ -166,12 +170,9 @@ try:
     picture(phone, "phone")
 
     # The phone stops it in further phases.
-    stop_on_phone("Sliding")
-    start_and_stop_in("Approaching")
-    start(desk)
-    in_phase(desk, "Sliding")
     click(desk, "pause")
     stop_on_phone("Paused")
+    start_and_stop_in("Approaching")
 
     # The service is silent for a while, as if the connection was cut.
     os.kill(SERVICE, signal.SIGSTOP)
@@ -191,7 +192,7 @@ try:
     reached = []
 
     def press(key):
-        desk.switch_to.active_element.send_keys(key)
+        ActionChains(desk).send_keys(key).perform()
 
     for _ in range(12):
         press(Keys.TAB)
@@ -216,7 +217,10 @@ try:
     found["report"] = desk.title or desk.find_element(By.TAG_NAME, "body").text[:60]
     picture(desk, "report")
     logs = desk.get_log("browser") + phone.get_log("browser")
-    found["errors"] = [one["message"] for one in logs if one["level"] == "SEVERE" and "ERR_" not in one["message"]]
+    # The service was silent for a while, and the phone has no WebGL.
+    expected = ("ERR_", "WebGL")
+    severe = [one["message"] for one in logs if one["level"] == "SEVERE"]
+    found["errors"] = [message for message in severe if not any(word in message for word in expected)]
     print(json.dumps(found))
 finally:
     for driver in (desk, phone):

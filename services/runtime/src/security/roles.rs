@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn only_controllers_command_and_only_operators_and_the_bridge_to_ros_send_tasks() {
+    fn only_controllers_command_and_only_operators_their_page_and_the_bridge_to_ros_send_tasks() {
         for role in ROLES {
             let commands = role
                 .services
@@ -361,7 +361,8 @@ mod tests {
                 .services
                 .iter()
                 .any(|s| s.asks.contains(&"control/*") || s.asks.contains(&"control/task"));
-            assert_eq!(tasks, role.name == "operator" || bridges, "{}", role.name);
+            let sends_for_people = ["operator", "ui"].contains(&role.name);
+            assert_eq!(tasks, sends_for_people || bridges, "{}", role.name);
         }
     }
 }
