@@ -9,7 +9,7 @@ use tangent_simulation::metrics::object::{ObjectFigures, ObjectSampleTruth, pose
 
 use crate::plot::Curve;
 use crate::run::Run;
-use crate::task_run::{Cycle, TaskRun, nearest, newest};
+use crate::task_run::{Cycle, TaskRun, nearest, newest, within};
 
 /// The cycles of a simulated object-pose task; `None` if there was no object, or no truth was
 /// recorded.
@@ -28,7 +28,7 @@ pub fn samples(run: &Run, task: &TaskRun<'_>) -> Option<(Vec<ObjectSampleTruth>,
     let cycles = task
         .cycles
         .iter()
-        .filter_map(|cycle| sample(run, cycle, &tool_from_sensor));
+        .filter_map(|cycle| sample(run, task.window_ns, cycle, &tool_from_sensor));
     Some((cycles.collect(), scenario.task.force.reference_n))
 }
 
@@ -40,6 +40,7 @@ pub fn figures(run: &Run, task: &TaskRun<'_>) -> Option<ObjectFigures> {
 
 fn sample(
     run: &Run,
+    window_ns: (i64, i64),
     cycle: &Cycle<'_>,
     tool_from_sensor: &Pose<Tool, Sensor>,
 ) -> Option<ObjectSampleTruth> {
@@ -48,6 +49,7 @@ fn sample(
     let object = pose(nearest(&run.object_truth, |t| &t.header, stamp_ns)?)?;
     let base_from_tool: Pose<Base, Tool> = (&truth.tool_pose).try_into().ok()?;
     let estimates = run.objects.get(cycle.control.estimator.as_str());
+    let estimates = estimates.map(|all| within(all, |e| &e.header, window_ns));
     let newest = newest(estimates, |e| e.cycle, cycle.control.cycle);
     let estimated: Option<Pose<Base, Object>> = newest
         .filter(|e| e.validity == 0)

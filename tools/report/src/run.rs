@@ -15,7 +15,7 @@ use crate::error::ReportError;
 use crate::tasks::{TaskEntry, tasks};
 
 /// Time before and after a task whose messages belong to it, ns.
-const BESIDE_NS: i64 = 1_000_000_000;
+pub(crate) const BESIDE_NS: i64 = 1_000_000_000;
 
 /// Contents of the recording of one run, from one file or several.
 #[derive(Default)]

@@ -9,7 +9,7 @@ use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
 use tangent_simulation::metrics::{CycleSample, EstimateSample, TruthSample};
 
-use crate::run::Run;
+use crate::run::{BESIDE_NS, Run};
 use crate::tasks::phase_of;
 
 /// Time for which a run continues after its task has ended, s; as in `evaluate`.
@@ -37,6 +37,9 @@ pub struct TaskRun<'a> {
     pub cycles: Vec<Cycle<'a>>,
     /// Stamp of its start, ns since the Unix epoch.
     pub start_ns: i64,
+    /// Stamps of the messages that belong to it, first and last, ns since the Unix epoch. Cycle
+    /// numbers repeat when the bridge restarts.
+    pub(crate) window_ns: (i64, i64),
 }
 
 impl<'a> TaskRun<'a> {
@@ -49,11 +52,14 @@ impl<'a> TaskRun<'a> {
             return Self {
                 cycles: Vec::new(),
                 start_ns: run.arm.first().map_or(0, |a| a.header.stamp.to_ns()),
+                window_ns: (i64::MIN, i64::MAX),
             };
         };
         let control = &run.control[states];
         let start_ns = control.first().map_or(0, |c| c.header.stamp.to_ns());
-        let window = |ns: i64| ns > start_ns - 1_000_000_000;
+        let end_ns = control.last().map_or(0, |c| c.header.stamp.to_ns());
+        let window_ns = (start_ns - BESIDE_NS, end_ns + BESIDE_NS);
+        let window = |ns: i64| (window_ns.0..=window_ns.1).contains(&ns);
         let arms: HashMap<u64, &ArmState> = run
             .arm
             .iter()
@@ -73,11 +79,9 @@ impl<'a> TaskRun<'a> {
             let origin = *origin_ns.get_or_insert(stamp_ns - (arm.period_s * 1e9).round() as i64);
             let time_s = (stamp_ns - origin) as f64 * 1e-9;
             let truth = nearest(&run.truth, |t| &t.header, stamp_ns);
-            let estimate = newest(
-                run.estimates.get(state.estimator.as_str()),
-                |e| e.cycle,
-                state.cycle,
-            );
+            let estimates = run.estimates.get(state.estimator.as_str());
+            let estimates = estimates.map(|all| within(all, |e| &e.header, window_ns));
+            let estimate = newest(estimates, |e| e.cycle, state.cycle);
             cycles.push(Cycle {
                 time_s,
                 arm,
@@ -96,6 +100,7 @@ impl<'a> TaskRun<'a> {
         Self {
             cycles,
             start_ns: origin_ns.unwrap_or(start_ns),
+            window_ns,
         }
     }
 
@@ -103,6 +108,7 @@ impl<'a> TaskRun<'a> {
     /// those in use.
     pub fn samples_with(&self, run: &Run, estimator: &str) -> Vec<CycleSample> {
         let estimates = run.estimates.get(estimator);
+        let estimates = estimates.map(|all| within(all, |e| &e.header, self.window_ns));
         self.cycles
             .iter()
             .map(|cycle| CycleSample {
@@ -126,9 +132,17 @@ pub(crate) fn nearest<T>(truth: &[T], stamp: impl Fn(&T) -> &Header, stamp_ns: i
         .filter(|t| distance(t) <= TRUTH_REACH_NS)
 }
 
+/// Messages with a stamp within the window; `all` must be in order.
+pub(crate) fn within<E>(all: &[E], header: impl Fn(&E) -> &Header, window_ns: (i64, i64)) -> &[E] {
+    let stamp = |e: &E| header(e).stamp.to_ns();
+    let from = all.partition_point(|e| stamp(e) < window_ns.0);
+    let to = all.partition_point(|e| stamp(e) <= window_ns.1);
+    &all[from..to.max(from)]
+}
+
 /// The newest estimate computed by `cycle`; `estimates` must be in order.
 pub(crate) fn newest<E>(
-    estimates: Option<&Vec<E>>,
+    estimates: Option<&[E]>,
     made_at: impl Fn(&E) -> u64,
     cycle: u64,
 ) -> Option<&E> {

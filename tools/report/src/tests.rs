@@ -277,32 +277,28 @@ fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
 fn record_two(path: &Path) {
     let text = include_str!("../../../scenarios/pipe_ideal.toml");
     let mut tape = Tape::create(path);
-    let task = "name = \"wipe\"\n[tolerances]\nforce_rmse_n = 0.3\nforce_peak_n = ";
-    tape.writer
-        .attach("task-1.toml", &format!("{task}8.0"), 1)
-        .unwrap();
-    tape.writer
-        .attach("task-2.toml", &format!("{task}4.0"), 1)
-        .unwrap();
-    for (second, force) in ["task.force.reference_n=3.0", "task.force.reference_n=5.0"]
-        .into_iter()
-        .enumerate()
-    {
-        tape.tasks_before = second as u64;
-        tape.start_ns = START_NS + 60_000_000_000 * second as i64;
+    for (second, force, peak) in [(0, "3.0", "8.0"), (1, "5.0", "4.0")] {
+        tape.tasks_before = second;
+        tape.start_ns = START_NS + 60_000_000_000 * second.cast_signed();
         let scenario = AdmittanceScenario::parse(
             "pipe_ideal",
             text,
-            &[force.to_owned()],
+            &[format!("task.force.reference_n={force}")],
             &tangent_simulation::no_files,
         )
         .unwrap();
-        let mut number = 0;
+        let (mut number, mut activation) = (0, 0);
         evaluate_admittance_with(&scenario, |cycle| {
             number += 1;
+            activation = cycle.output.activation + second;
             tape.cycle(1000 + number, 0.008, cycle);
         })
         .unwrap();
+        let task = format!(
+            "name = \"wipe\"\ntolerances.force_rmse_n = 0.3\ntolerances.force_peak_n = {peak}"
+        );
+        let name = format!("task-{activation}.toml");
+        tape.writer.attach(&name, &task, 1).unwrap();
     }
     tape.writer.finish().unwrap();
 }
