@@ -39,7 +39,7 @@ figcaption { font-size: .92em; padding: .2em .8em .5em; color: #333; } pre { ove
 @media (prefers-color-scheme: dark) { figure { background: #1b1b1f; } figure svg { filter: invert(.9) hue-rotate(180deg); }
   figcaption, h3, .drawn { color: #ccc; } }
 @media print { body { max-width: none; margin: 0; color: #000; background: #fff; } figure, tr, .good, .bad {
-  break-inside: avoid; } h2 { break-after: avoid; } figure svg { filter: none; } details { display: none; } }";
+  break-inside: avoid; } h2, .note { break-after: avoid; } figure svg { filter: none; } details { display: none; } }";
 
 /// Generates the page.
 ///
