@@ -335,6 +335,12 @@ function recording_row(one) {
   const when = new Date(one.changed_s * 1000).toLocaleString();
   name.textContent = say("recording", { file: one.file, mb: (one.bytes / 1e6).toFixed(1), when });
   row.append(name);
+  if (one.result) {
+    const result = document.createElement("span");
+    result.className = "grow";
+    result.textContent = one.result;
+    row.append(result);
+  }
   if (one.report) {
     const link = document.createElement("a");
     link.href = `/recordings/${one.report}`;

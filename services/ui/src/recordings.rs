@@ -1,6 +1,7 @@
 //! The recordings of the cell, and the reports beside them.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
@@ -8,6 +9,10 @@ use serde::Serialize;
 
 /// Largest number of recordings that are listed, the newest first.
 const LISTED_MAX: usize = 200;
+/// Beginning of a report that is searched for its result, bytes.
+const HEAD_MAX: u64 = 2048;
+/// What stands before the result in a report.
+const RESULT: &str = "<meta name=\"tangent-result\" content=\"";
 
 /// A recording.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -20,6 +25,8 @@ pub struct RecordingFile {
     pub changed_s: u64,
     /// Name of the report beside it, if there is one.
     pub report: Option<String>,
+    /// How the task of that report ended, in words.
+    pub result: Option<String>,
 }
 
 /// The recordings of a folder, the newest first.
@@ -31,10 +38,12 @@ pub fn list(folder: &Path) -> Vec<RecordingFile> {
             let metadata = entry.metadata().ok()?;
             let changed = metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
             let report = is_name(&file, ".mcap").then(|| file.replace(".mcap", ".html"))?;
+            let page = folder.join(&report);
             Some(RecordingFile {
                 bytes: metadata.len(),
                 changed_s: changed.as_secs(),
-                report: folder.join(&report).is_file().then_some(report),
+                result: result(&page),
+                report: page.is_file().then_some(report),
                 file,
             })
         })
@@ -42,6 +51,21 @@ pub fn list(folder: &Path) -> Vec<RecordingFile> {
     found.sort_by(|a, b| (b.changed_s, &b.file).cmp(&(a.changed_s, &a.file)));
     found.truncate(LISTED_MAX);
     found
+}
+
+/// The result in the head of a report; `None` without a report, or in one of an older version.
+fn result(page: &Path) -> Option<String> {
+    let mut head = Vec::new();
+    File::open(page)
+        .ok()?
+        .take(HEAD_MAX)
+        .read_to_end(&mut head)
+        .ok()?;
+    let head = String::from_utf8_lossy(&head);
+    let (_, rest) = head.split_once(RESULT)?;
+    let (text, _) = rest.split_once('"')?;
+    let plain = text.replace("&lt;", "<").replace("&gt;", ">");
+    Some(plain.replace("&quot;", "\"").replace("&amp;", "&"))
 }
 
 /// Path of a recording or a report, given by its name alone; `None` if there is none.
@@ -66,10 +90,14 @@ mod tests {
         for name in ["a.mcap", "a.html", "b.mcap", "c.txt", "cell.toml"] {
             fs::write(folder.path().join(name), name).unwrap();
         }
+        let page = format!("<!DOCTYPE html><head>{RESULT}wipe &lt;a&gt;: completed\"></head>");
+        fs::write(folder.path().join("a.html"), page).unwrap();
         let mut listed = list(folder.path());
         listed.sort_by(|a, b| a.file.cmp(&b.file));
         assert_eq!(listed.len(), 2);
         assert_eq!(listed[0].report.as_deref(), Some("a.html"));
+        assert_eq!(listed[0].result.as_deref(), Some("wipe <a>: completed"));
+        assert_eq!(listed[1].result, None);
         assert_eq!((listed[1].report.as_deref(), listed[1].bytes), (None, 6));
         assert!(path(folder.path(), "a.html").is_some());
         assert!(path(folder.path(), "b.mcap").is_some());

@@ -328,7 +328,12 @@ fn each_task_of_a_recording_is_judged_by_its_own_tolerances() {
         first.report.tolerances
     );
     let page = first.page.unwrap();
-    for words in ["ACCEPTED", "task 1 of 2", "2026-", "RMS error of the force"] {
+    for words in [
+        "content=\"wipe a pipe: completed: the whole path was followed; ACCEPTED\"",
+        "task 1 of 2",
+        "2026-",
+        "RMS error of the force",
+    ] {
         assert!(page.contains(words), "{words}");
     }
 

@@ -46,7 +46,7 @@ figcaption { font-size: .92em; padding: .2em .8em .5em; color: #333; } pre { ove
 /// # Errors
 /// A plot cannot be drawn.
 pub fn page(run: &Run, task: &TaskRun<'_>, report: &Report) -> Result<String, ReportError> {
-    let mut html = head(&title(run, report));
+    let mut html = head(&title(run, report), &result(report));
     html.push_str(&when_and_where(run, task));
     html.push_str(&figures::introduction(task, report));
     html.push_str(&figures::losses(run, report));
@@ -72,7 +72,7 @@ pub fn two(
     a: &TaskRun<'_>,
     b: &TaskRun<'_>,
 ) -> Result<String, ReportError> {
-    let mut html = head(&two::title(difference));
+    let mut html = head(&two::title(difference), "");
     html.push_str(&two::body(difference, a, b)?);
     html.push_str(&end());
     Ok(html)
@@ -83,14 +83,16 @@ fn end() -> String {
     format!("{}</body></html>\n", interactive::script())
 }
 
-/// Beginning of a page, up to its heading.
-fn head(title: &str) -> String {
+/// Beginning of a page, up to its heading. The operator's page reads the result from it.
+fn head(title: &str, result: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"tangent-result\" content=\"{2}\">\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
          <title>{0}</title><style>{1}{STYLE}</style></head><body>\n<h1>{0}</h1>\n",
         escaped(title),
-        interactive::style()
+        interactive::style(),
+        escaped(result)
     )
 }
 
@@ -118,6 +120,19 @@ fn when_and_where(run: &Run, task: &TaskRun<'_>) -> String {
         known.push(format!("tangent {version}"));
     }
     format!("<p class=\"note\">{}</p>\n", escaped(&known.join(" - ")))
+}
+
+/// How the task ended, in one line.
+fn result(report: &Report) -> String {
+    let verdict = report.events.verdict_words(report.fault.as_deref());
+    let name = report.task.and_then(|n| report.tasks.get(n - 1));
+    let name = name.map_or("", |task| task.name.as_str());
+    let accepted = match report.accepted {
+        None => "",
+        Some(true) => "; ACCEPTED",
+        Some(false) => "; REJECTED",
+    };
+    format!("{name}: {verdict}{accepted}")
 }
 
 fn title(run: &Run, report: &Report) -> String {
