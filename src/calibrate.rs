@@ -90,32 +90,40 @@ fn finite(x: f64) -> Option<f64> {
 }
 
 fn print(found: &IdentifiedPayload, poses: usize, config: &CellConfig) {
+    print!("{}", cell_file(found, poses, config));
+}
+
+/// Lines for the cell file, with the rest of the result as comments.
+pub fn cell_file(found: &IdentifiedPayload, poses: usize, config: &CellConfig) -> String {
     let [x, y, z] = found.payload.com_in_sensor_m;
     let worst = found.com_sd_m.into_iter().fold(0.0, f64::max);
-    println!("# {poses} poses. For the cell file:");
-    println!("[tool]");
-    println!(
-        "mass_kg = {:.4}    # ± {:.4}; the cell file has {}",
-        found.payload.mass_kg, found.mass_sd_kg, config.tool.mass_kg
-    );
     let [own_x, own_y, own_z] = config.tool.com_in_sensor_m;
-    println!(
-        "com_in_sensor_m = [{x:.4}, {y:.4}, {z:.4}]    # ± {worst:.4}; the cell file has [{own_x}, {own_y}, {own_z}]"
-    );
-    println!(
-        "# each pose predicted from the others: {:.3} N, {:.4} Nm rms",
-        found.left_out_force_rms_n, found.left_out_torque_rms_nm
-    );
     let (f, t) = (&found.bias.force, &found.bias.torque);
-    println!(
-        "# zero of the sensor: [{:.2}, {:.2}, {:.2}] N, [{:.3}, {:.3}, {:.3}] Nm",
-        f.x, f.y, f.z, t.x, t.y, t.z
-    );
+    let mut lines = vec![
+        format!("# {poses} poses. For the cell file:"),
+        "[tool]".to_owned(),
+        format!(
+            "mass_kg = {:.4}    # ± {:.4}; the cell file has {}",
+            found.payload.mass_kg, found.mass_sd_kg, config.tool.mass_kg
+        ),
+        format!(
+            "com_in_sensor_m = [{x:.4}, {y:.4}, {z:.4}]    # ± {worst:.4}; the cell file has [{own_x}, {own_y}, {own_z}]"
+        ),
+        format!(
+            "# each pose predicted from the others: {:.3} N, {:.4} Nm rms",
+            found.left_out_force_rms_n, found.left_out_torque_rms_nm
+        ),
+        format!(
+            "# zero of the sensor: [{:.2}, {:.2}, {:.2}] N, [{:.3}, {:.3}, {:.3}] Nm",
+            f.x, f.y, f.z, t.x, t.y, t.z
+        ),
+    ];
     if let Some(drift) = &found.drift {
-        println!(
+        lines.push(format!(
             "# drift from the first to the last: {:.3} N, {:.4} Nm",
             drift.force.norm(),
             drift.torque.norm()
-        );
+        ));
     }
+    lines.join("\n") + "\n"
 }

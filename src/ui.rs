@@ -1,20 +1,24 @@
 //! `tangent ui`: the operator's page, in a process of its own.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context, Result};
 use serde_json::json;
 use tangent_runtime::security::roles;
 use tangent_runtime::{Bus, CellConfig, Role, Stop, ending, watchdog};
+use tangent_sensing::{StaticPose, identify_payload};
 use tangent_ui::access::{self, Role as PageRole};
-use tangent_ui::{Config, Reporter};
+use tangent_ui::{Calibration, CalibrationStep, Calibrator, Config, Reporter, Tools};
 
+use crate::calibrate;
 use crate::cli::{Ui, UiRole};
 use crate::output::{Outcome, bad_usage, print_json};
 
 /// Name of the person whose token is valid for one run of the page.
 const LOCAL: &str = "local";
+/// Number of poses that a calibration on the page asks for, as `tangent calibrate payload` does.
+const CALIBRATION_POSES: usize = 9;
 
 /// Serves the page until SIGINT or SIGTERM, or gives a person a token.
 ///
@@ -44,12 +48,24 @@ pub fn run(args: &Ui, mut cell: CellConfig, json: bool) -> Result<Outcome> {
     cell.realtime.enabled = false;
     let bus = Bus::open_until(&cell, Role::Client, None, &stop)?;
     watchdog::watch(&stop, None).context("starting the watchdog")?;
-    let reporter: Reporter = Arc::new(|recording: &Path| {
+    let report: Reporter = Arc::new(|recording: &Path| {
         tangent_report::write_for(&[recording.to_owned()])
             .map(|(_, page)| page)
             .map_err(|error| error.to_string())
     });
-    tangent_ui::run(config, &bus, &stop, Some(reporter), |address| {
+    let calibrate: Calibrator = {
+        let (bus, cell, poses) = (bus.clone(), cell, Mutex::new(Vec::new()));
+        Arc::new(move |step| {
+            // A pose is added whole, so the list is usable after a panic too.
+            let mut poses = poses.lock().unwrap_or_else(PoisonError::into_inner);
+            calibration_step(step, &mut poses, &bus, &cell)
+        })
+    };
+    let tools = Tools {
+        report: Some(report),
+        calibrate: Some(calibrate),
+    };
+    tangent_ui::run(config, &bus, &stop, tools, |address| {
         let mut page = format!("http://{address}/");
         if let Some(token) = &token {
             page += &format!("#token={token}");
@@ -72,6 +88,41 @@ pub fn run(args: &Ui, mut cell: CellConfig, json: bool) -> Result<Outcome> {
     })?;
     bus.close();
     Ok(Outcome::Done)
+}
+
+/// One step of the payload's calibration.
+fn calibration_step(
+    step: CalibrationStep,
+    poses: &mut Vec<StaticPose>,
+    bus: &Bus,
+    cell: &CellConfig,
+) -> Calibration {
+    let mut state = Calibration {
+        done: true,
+        wanted: CALIBRATION_POSES,
+        ..Calibration::default()
+    };
+    match step {
+        CalibrationStep::Begin => poses.clear(),
+        CalibrationStep::Pose => match tangent_calibrate::pose(bus, cell) {
+            Ok(pose) => poses.push(pose),
+            Err(error) => {
+                state.done = false;
+                state.message = format!("{:#}", anyhow::Error::from(error));
+            }
+        },
+    }
+    state.poses = poses.len();
+    match identify_payload(poses, &cell.robot.gravity_in_base()) {
+        Ok(found) => {
+            state.cell_file = Some(calibrate::cell_file(&found, poses.len(), cell));
+            state.warnings = tangent_calibrate::warnings(&found, cell);
+        }
+        // Some poses are missing still.
+        Err(error) if state.done && !poses.is_empty() => state.message = error.to_string(),
+        Err(_) => {}
+    }
+    state
 }
 
 fn new_token(name: &str, role: UiRole, cell: &CellConfig, json: bool) -> Result<Outcome> {

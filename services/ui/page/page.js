@@ -43,6 +43,9 @@ async function begin() {
   for (const ending of ["csv", "ply"]) {
     $(`dose-${ending}`).addEventListener("click", () => save(`/api/dose.${ending}`, `dose.${ending}`));
   }
+  for (const step of ["begin", "pose"]) {
+    $(`calibration-${step}`).addEventListener("click", () => calibrate(step));
+  }
   $("list-recordings").addEventListener("click", list_recordings);
   setInterval(watch_age, 250);
   watch_age();
@@ -92,6 +95,7 @@ async function learn() {
     $("scene").hidden = true;
     $("no-scene").hidden = false;
   }
+  $("calibration-panel").hidden = !(about.can_calibrate && role === "engineer");
   list_recordings();
 }
 
@@ -311,6 +315,28 @@ async function save(path, name) {
   } catch {
     show_answer(false, say("answer.lost"));
   }
+}
+
+async function calibrate(step) {
+  const buttons = [$("calibration-begin"), $("calibration-pose")];
+  buttons.forEach((button) => { button.disabled = true; });
+  set($("calibration-state"), say("calibration.working"));
+  const answer = await post("/api/calibrate", { step }, 15000).catch(() => null);
+  buttons.forEach((button) => { button.disabled = false; });
+  const good = answer?.done === true;
+  $("calibration-state").className = good ? "answer" : "answer bad";
+  if (answer?.poses == null) {
+    set($("calibration-state"), answer?.message ?? say("answer.lost"));
+    return;
+  }
+  set($("calibration-state"), say("calibration.state", { poses: answer.poses, wanted: answer.wanted, why: answer.message }));
+  $("calibration-warnings").replaceChildren(...answer.warnings.map((text) => {
+    const item = document.createElement("li");
+    item.textContent = text;
+    return item;
+  }));
+  $("calibration-lines").hidden = !answer.cell_file;
+  set($("calibration-lines"), answer.cell_file ?? "");
 }
 
 async function list_recordings() {

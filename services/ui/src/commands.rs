@@ -132,19 +132,36 @@ impl Desk {
             answer.done,
             answer.message
         );
+        self.record(
+            who,
+            (command.action(), command.argument()),
+            &answer,
+            (stamp, began),
+        );
+        answer
+    }
+
+    /// Publishes what a person asked for (action and argument), what became of it, and when it was
+    /// asked.
+    pub fn record(
+        &self,
+        who: &Who,
+        (action, argument): (&str, &str),
+        answer: &Answer,
+        (stamp_ns, began): (i64, Instant),
+    ) {
         let record = OperatorCommand {
-            header: Header::new(stamp, ""),
+            header: Header::new(stamp_ns, ""),
             who: cut(&who.name),
             role: cut(&who.role.map(|role| role.to_string()).unwrap_or_default()),
             address: cut(&who.address),
-            action: cut(command.action()),
-            argument: cut(command.argument()),
+            action: cut(action),
+            argument: cut(argument),
             done: answer.done,
             message: answer.message.clone(),
             answered_after_s: began.elapsed().as_secs_f64(),
         };
         lock(&self.record).publish(&record);
-        answer
     }
 
     fn ask(&self, command: &Command) -> Answer {

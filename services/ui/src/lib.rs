@@ -32,8 +32,8 @@ use tangent_schemas::topics;
 use commands::Desk;
 pub use config::Config;
 pub use error::UiError;
-pub use server::Reporter;
 use server::Shared;
+pub use server::{Calibration, CalibrationStep, Calibrator, Reporter, Tools};
 use tangent_scene::dose::DoseMap;
 use watcher::Watcher;
 
@@ -46,8 +46,8 @@ const END: Duration = Duration::from_secs(1);
 /// Longest time of one turn, on a machine under heavy load: it waits for no page.
 const TURN_MAX: Duration = Duration::from_secs(10);
 
-/// Serves pages until `stop`. `listening` is told the address once. `reporter` writes the report of
-/// a recording, if that is possible here.
+/// Serves pages until `stop`. `listening` is told the address once. `tools` are what the program
+/// that calls it does for the page.
 ///
 /// # Errors
 /// The address is in use, or the bus refuses a topic.
@@ -55,7 +55,7 @@ pub fn run(
     config: Config,
     bus: &Bus,
     stop: &Stop,
-    reporter: Option<Reporter>,
+    tools: Tools,
     listening: impl FnOnce(SocketAddr),
 ) -> Result<(), UiError> {
     let health = HealthReporter::start(bus, SERVICE)?;
@@ -77,7 +77,7 @@ pub fn run(
     let record = bus.publisher(&topics::OPERATOR_COMMAND)?;
     let desk = Desk::new(bus, record, config.tasks.clone());
     let dose = DoseMap::new(cover_radius_m(&config.scene.mounted.tip));
-    let shared = Arc::new(Shared::new(config, desk, dose, reporter));
+    let shared = Arc::new(Shared::new(config, desk, dose, tools));
     let mut watcher = Watcher::new(bus, &shared, &health)?;
     let serving = threads.spawn(server::serve(listener, Arc::clone(&shared)));
     tracing::info!("page: http://{bound}");

@@ -16,12 +16,14 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router};
 use futures_util::stream;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+use tangent_runtime::bus::answer::{done, refused};
+use tangent_runtime::clock;
 use tangent_runtime::config::OnLostPage;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
-use crate::access::{is_own_host, is_own_origin};
+use crate::access::{Role, is_own_host, is_own_origin};
 use crate::commands::{Command, Desk, Who};
 use crate::config::Config;
 use crate::connection::{Bounded, Peer};
@@ -38,8 +40,8 @@ pub const STREAMS_MAX: usize = 32;
 const COMMANDS_MAX: usize = 3;
 /// Largest number of stops that wait for the cell.
 const STOPS_MAX: usize = 4;
-/// Threads for what waits: commands, stops and files.
-pub const WAITING_THREADS: usize = COMMANDS_MAX + STOPS_MAX + 4;
+/// Threads for what waits: commands, stops, a calibration and files.
+pub const WAITING_THREADS: usize = COMMANDS_MAX + STOPS_MAX + 5;
 /// What the page may load and do: only what this host serves.
 const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; \
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -49,6 +51,53 @@ const REPORT_POLICY: &str = "sandbox allow-scripts allow-popups; default-src 'no
 
 /// Writes the report of a recording, and returns its file.
 pub type Reporter = Arc<dyn Fn(&FilePath) -> Result<PathBuf, String> + Send + Sync>;
+/// Carries out a step of the payload's calibration. Blocks for some seconds at most.
+pub type Calibrator = Arc<dyn Fn(CalibrationStep) -> Calibration + Send + Sync>;
+
+/// What the program that runs the page does for it; what is `None` is not offered.
+#[derive(Clone, Default)]
+pub struct Tools {
+    /// Writes reports.
+    pub report: Option<Reporter>,
+    /// Calibrates the payload.
+    pub calibrate: Option<Calibrator>,
+}
+
+/// A step of the payload's calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CalibrationStep {
+    /// Forgets the poses so far.
+    Begin,
+    /// Takes the readings of the present pose.
+    Pose,
+}
+
+impl CalibrationStep {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Begin => "begin",
+            Self::Pose => "pose",
+        }
+    }
+}
+
+/// State of the calibration after a step.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Calibration {
+    /// Whether the step was done.
+    pub done: bool,
+    /// Why it was not, or what is missing still.
+    pub message: String,
+    /// Number of poses taken.
+    pub poses: usize,
+    /// Number of poses that should be taken.
+    pub wanted: usize,
+    /// Lines for the cell file, once the poses determine the payload.
+    pub cell_file: Option<String>,
+    /// Doubts about the result.
+    pub warnings: Vec<String>,
+}
 
 /// What the requests share.
 pub struct Shared {
@@ -57,30 +106,32 @@ pub struct Shared {
     pub dose: Mutex<DoseMap>,
     pub pages: Mutex<Pages>,
     pub snapshots: watch::Sender<Bytes>,
-    pub reporter: Option<Reporter>,
+    pub tools: Tools,
     last_command: Mutex<Option<LastCommand>>,
     commands_so_far: AtomicU64,
     streams: Arc<Semaphore>,
     commands: Semaphore,
     stops: Semaphore,
     reports: Semaphore,
+    calibrations: Semaphore,
 }
 
 impl Shared {
-    pub fn new(config: Config, desk: Desk, dose: DoseMap, reporter: Option<Reporter>) -> Self {
+    pub fn new(config: Config, desk: Desk, dose: DoseMap, tools: Tools) -> Self {
         Self {
             pages: Mutex::new(Pages::new(config.lost_page_after)),
             config,
             desk,
             dose: Mutex::new(dose),
             snapshots: watch::channel(Bytes::new()).0,
-            reporter,
+            tools,
             last_command: Mutex::default(),
             commands_so_far: AtomicU64::new(0),
             streams: Arc::new(Semaphore::new(STREAMS_MAX)),
             commands: Semaphore::new(COMMANDS_MAX),
             stops: Semaphore::new(STOPS_MAX),
             reports: Semaphore::new(1),
+            calibrations: Semaphore::new(1),
         }
     }
 
@@ -125,6 +176,7 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/api/dose.ply", get(dose_ply))
         .route("/api/recordings", get(list_recordings))
         .route("/api/report", post(report))
+        .route("/api/calibrate", post(calibrate))
         .route("/recordings/{file}", get(recording))
         .fallback(get(page_file))
         .layer(DefaultBodyLimit::max(BODY_MAX))
@@ -259,7 +311,8 @@ async fn about(State(shared): State<Arc<Shared>>, Extension(who): Extension<Who>
         "on_lost_page": on_lost_page,
         "lost_page_after_s": config.lost_page_after.as_secs_f64(),
         "has_tokens": !config.tokens.is_empty(),
-        "can_report": shared.reporter.is_some(),
+        "can_report": shared.tools.report.is_some(),
+        "can_calibrate": shared.tools.calibrate.is_some(),
         "you": { "name": who.name, "role": who.role },
     }))
 }
@@ -418,6 +471,48 @@ async fn recording(State(shared): State<Arc<Shared>>, Path(file): Path<String>) 
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct StepOf {
+    step: CalibrationStep,
+}
+
+/// Carries out a step of the payload's calibration.
+async fn calibrate(
+    State(shared): State<Arc<Shared>>,
+    Extension(who): Extension<Who>,
+    body: Bytes,
+) -> Response {
+    let Ok(StepOf { step }) = serde_json::from_slice(&body) else {
+        let why = "not {\"step\": \"begin\"} or {\"step\": \"pose\"}";
+        return refuse(StatusCode::BAD_REQUEST, why);
+    };
+    if who.role.is_none_or(|role| role < Role::Engineer) {
+        let why = "a calibration needs the role engineer";
+        return refuse(StatusCode::UNAUTHORIZED, why);
+    }
+    let Some(calibrator) = shared.tools.calibrate.clone() else {
+        let why = "this page does not calibrate: use `tangent calibrate payload`";
+        return refuse(StatusCode::NOT_FOUND, why);
+    };
+    let Ok(_place) = shared.calibrations.try_acquire() else {
+        let why = "another pose is being taken: try again in a moment";
+        return refuse(StatusCode::SERVICE_UNAVAILABLE, why);
+    };
+    let began = (clock::now_ns(), Instant::now());
+    let Some(state) = waiting(move || calibrator(step)).await else {
+        return refuse(StatusCode::INTERNAL_SERVER_ERROR, "the calibration failed");
+    };
+    let outcome = if state.done {
+        done(&state.message)
+    } else {
+        refused(state.message.clone())
+    };
+    let asked = ("calibrate", step.name());
+    shared.desk.record(&who, asked, &outcome, began);
+    answer(&json!(state))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct ReportOf {
     recording: String,
 }
@@ -436,7 +531,7 @@ async fn report(
     }
     let path = recordings::path(&shared.config.recordings, &wanted.recording)
         .filter(|_| wanted.recording.ends_with(".mcap"));
-    let (Some(path), Some(reporter)) = (path, shared.reporter.clone()) else {
+    let (Some(path), Some(reporter)) = (path, shared.tools.report.clone()) else {
         return refuse(StatusCode::NOT_FOUND, "there is no such recording");
     };
     let Ok(_place) = shared.reports.try_acquire() else {

@@ -22,6 +22,36 @@ use crate::access::Role;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
+/// A calibration that counts its poses, and refuses the third.
+fn tools() -> Tools {
+    let poses = Mutex::new(0);
+    let calibrate: Calibrator = Arc::new(move |step| {
+        let mut poses = lock(&poses);
+        let done = match step {
+            CalibrationStep::Begin => {
+                *poses = 0;
+                true
+            }
+            CalibrationStep::Pose if *poses < 2 => {
+                *poses += 1;
+                true
+            }
+            CalibrationStep::Pose => false,
+        };
+        Calibration {
+            done,
+            message: if done { "" } else { "the arm moves" }.to_owned(),
+            poses: *poses,
+            wanted: 9,
+            ..Calibration::default()
+        }
+    });
+    Tools {
+        report: None,
+        calibrate: Some(calibrate),
+    }
+}
+
 /// A page without a cell behind it.
 struct Page {
     bus: Bus,
@@ -56,7 +86,7 @@ impl Page {
         let thread = std::thread::spawn({
             let (bus, stop) = (bus.clone(), stop.clone());
             move || {
-                run(config, &bus, &stop, None, |address| {
+                run(config, &bus, &stop, tools(), |address| {
                     told.send(address).unwrap()
                 })
             }
@@ -232,6 +262,42 @@ fn commands_need_a_token_and_a_stop_needs_none() {
     let (status, answer) = page.post("/api/command", "", &json!({ "action": "stop" }));
     assert_eq!((status, &answer["done"]), (200, &json!(true)));
     assert_eq!(stops.recv_timeout(PATIENCE).unwrap().action, "stop");
+}
+
+#[test]
+fn an_engineer_calibrates_step_by_step_and_each_step_is_recorded() {
+    let page = Page::start(|_| {});
+    let records = page.bus.subscribe(&topics::OPERATOR_COMMAND, 64).unwrap();
+    let step =
+        |token: &str, step: &str| page.post("/api/calibrate", token, &json!({ "step": step }));
+    for token in ["", &page.operator] {
+        let (status, answer) = step(token, "begin");
+        assert_eq!(status, 401);
+        assert!(
+            answer["message"].as_str().unwrap().contains("engineer"),
+            "{answer}"
+        );
+    }
+    assert_eq!(step(&page.engineer, "jump").0, 400);
+    let steps = ["begin", "pose", "pose", "pose"];
+    let answers = steps.map(|name| step(&page.engineer, name).1);
+    let poses = answers
+        .each_ref()
+        .map(|answer| answer["poses"].as_u64().unwrap());
+    assert_eq!(poses, [0, 1, 2, 2]);
+    assert_eq!(answers[3]["done"], false);
+    assert_eq!(answers[3]["message"], "the arm moves");
+    for (name, done) in steps.into_iter().zip([true, true, true, false]) {
+        let record = records.recv_timeout(PATIENCE).unwrap().message;
+        let said = (
+            record.action.as_str(),
+            record.argument.as_str(),
+            record.done,
+        );
+        assert_eq!(said, ("calibrate", name, done));
+        assert_eq!(record.who.as_str(), "ben");
+    }
+    assert_eq!(page.get_json("/api/about")["can_calibrate"], true);
 }
 
 #[test]

@@ -131,7 +131,13 @@ pub fn service(
                 );
             }
             Running::start("ui", process_stop, move |stop| {
-                Ok(tangent_ui::run(config, &bus, &stop, None, |_| {})?)
+                Ok(tangent_ui::run(
+                    config,
+                    &bus,
+                    &stop,
+                    tangent_ui::Tools::default(),
+                    |_| {},
+                )?)
             })
         }
         other => Err(ComposeError::UnknownService(other.to_owned())),
