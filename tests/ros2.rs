@@ -338,8 +338,8 @@ fn echoes(ask: &dyn Fn(&[&str]) -> Vec<Value>) {
     }
 }
 
-/// Nodes of ROS 2 and the cell talk for `seconds`, and at most this share of the messages of a topic
-/// is missing.
+/// Nodes of ROS 2 and the cell talk for `seconds`, and at most this share of a topic's messages is
+/// missing.
 fn soak(seconds: u64, missing_max: f64) {
     let Some(peer) = peer() else { return };
     live_beside_others(|| {
