@@ -220,7 +220,7 @@ fn a_run_that_does_not_end_done_fails_the_reproduction() {
 #[test]
 fn models_agree_with_the_reference_values() {
     let folder = common::root().join("core/mechanics/tests/golden");
-    for (file, rows_expected) in [("golden.json", 45), ("golden_ur.json", 63)] {
+    for (file, rows_expected) in [("golden.json", 45), ("golden_ur.json", 99)] {
         let file = folder.join(file);
         let output = run(&["model", "check", file.to_str().unwrap(), "--json"]);
         assert_eq!(output.status.code(), Some(0));
