@@ -5,9 +5,10 @@ use std::time::Instant;
 use anyhow::Result;
 use serde_json::json;
 use tangent_simulated_cell::scenarios;
-use tangent_simulation::Evaluation;
+use tangent_simulation::metrics::Spread;
 use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
+use tangent_simulation::{Evaluation, evaluate_admittance_passes};
 
 use crate::cli::Evaluate;
 use crate::output::{Outcome, bad_usage, or_dash, print_json};
@@ -25,7 +26,62 @@ pub fn run(scenario: &str, args: &Evaluate, json: bool) -> Result<Outcome> {
     if let Some(seed) = args.seed {
         set.push(format!("seed={seed}"));
     }
+    if let Some(passes) = args.passes {
+        return repeat(scenario, &set, passes, json);
+    }
     show(&once(scenario, &set)?, json)
+}
+
+/// Runs a scenario `passes` times with what the passes learn, and prints one row per pass.
+fn repeat(name: &str, overrides: &[String], passes: u32, json: bool) -> Result<Outcome> {
+    let scenario = scenarios::load(name, overrides)?
+        .into_admittance()
+        .ok_or_else(|| {
+            bad_usage(format!(
+                "--passes {passes}: the law of scenario {name} does not learn; allowed are \
+                 scenarios of velocity-controlled arms"
+            ))
+        })?;
+    let list = evaluate_admittance_passes(&scenario, passes).map_err(bad_usage)?;
+    let is_done = list.iter().all(|pass| pass.evaluation.phase == "done");
+    if json {
+        print_json(&json!({ "scenario": scenario.name, "passes": list }))?;
+    } else {
+        let mut table = Columns::new(&[
+            "pass",
+            "seed",
+            "ended in",
+            ">force rmse, N",
+            ">as measured, N",
+            ">peak, N",
+            ">normal, deg",
+            ">tool, deg",
+            ">path, s",
+            ">memory",
+        ]);
+        for pass in &list {
+            let (e, f) = (&pass.evaluation, &pass.evaluation.figures);
+            let mean = |spread: Option<Spread>| or_dash(spread.map(|s| s.mean), 3);
+            table.row([
+                pass.pass.to_string().as_str(),
+                e.seed.to_string().as_str(),
+                e.phase,
+                or_dash(f.force.rmse_n, 4).as_str(),
+                or_dash(pass.force_measured_rmse_n, 4).as_str(),
+                or_dash(f.force.peak_n, 3).as_str(),
+                mean(f.normal_error_settled_deg).as_str(),
+                mean(f.tool_error_deg).as_str(),
+                format!("{:.1}", pass.path_time_s).as_str(),
+                format!("{:.2}", pass.memory_weight).as_str(),
+            ]);
+        }
+        table.print(0);
+    }
+    Ok(if is_done {
+        Outcome::Done
+    } else {
+        Outcome::Failed
+    })
 }
 
 /// Prints the figures of one run.

@@ -26,6 +26,10 @@ pub struct Evaluate {
     /// repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
+    /// Run the scenario N times over the same part, each pass with what the passes before learnt,
+    /// and print one row per pass; pass i has the seed plus i - 1.
+    #[arg(long, value_name = "N", conflicts_with = "suite", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub passes: Option<u32>,
 }
 
 /// Options of `tangent evaluate --suite`.

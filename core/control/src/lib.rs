@@ -9,6 +9,7 @@ mod estimator_choice;
 mod inputs;
 mod law;
 pub mod laws;
+pub mod learning;
 mod leaving;
 pub mod limits;
 mod parameters;
@@ -38,6 +39,7 @@ pub use laws::unified_force_impedance::{
     TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput,
     UnifiedOutput,
 };
+pub use learning::{Learner, LearningSpec, Memory, MemoryError};
 pub use leaving::clearance::{Clearance, LeaveConfig};
 pub use leaving::tare_permission::{ContactSign, ControllerWord};
 pub use limits::faults::Fault;

@@ -1,5 +1,5 @@
 //! `tangent evaluate` without building the network: prints the figures of a scenario file and, with
-//! `trace=N`, every Nth cycle.
+//! `trace=N`, every Nth cycle. `passes=N` repeats it N times with what the passes learn.
 //!
 //! ```sh
 //! cargo run --release -p tangent-simulation --example evaluate -- \
@@ -14,8 +14,8 @@ use std::time::Instant;
 
 use tangent_simulation::metrics::object::pose_error;
 use tangent_simulation::{
-    FileError, ObjectCycle, Scenario, Undisturbed, VisuoTactileCycle, evaluate_admittance_with,
-    evaluate_object_of, evaluate_visuo_tactile_of, joints_of,
+    FileError, ObjectCycle, Scenario, Undisturbed, VisuoTactileCycle, evaluate_admittance_passes,
+    evaluate_admittance_with, evaluate_object_of, evaluate_visuo_tactile_of, joints_of,
 };
 
 fn main() -> ExitCode {
@@ -83,8 +83,10 @@ fn run() -> Result<(), Box<dyn Error>> {
     let file = arguments
         .next()
         .ok_or("usage: evaluate SCENARIO [key=value…] [trace=N]")?;
-    let (trace, overrides): (Vec<String>, Vec<String>) =
+    let (trace, rest): (Vec<String>, Vec<String>) =
         arguments.partition(|a| a.starts_with("trace="));
+    let (passes, overrides): (Vec<String>, Vec<String>) =
+        rest.into_iter().partition(|a| a.starts_with("passes="));
     let every: Option<usize> = match trace.last() {
         Some(text) => Some(text["trace=".len()..].parse()?),
         None => None,
@@ -92,6 +94,30 @@ fn run() -> Result<(), Box<dyn Error>> {
     let text = std::fs::read_to_string(&file).map_err(|e| format!("{file}: {e}"))?;
     let folder = Path::new(&file).parent().unwrap_or(Path::new("."));
     let read = |name: &str| std::fs::read_to_string(folder.join(name)).map_err(FileError::new);
+    if let Some(passes) = passes.last() {
+        let passes = passes["passes=".len()..].parse()?;
+        let scenario = Scenario::parse(&file, &text, &overrides, &read)?
+            .into_admittance()
+            .ok_or("passes: only scenarios of the admittance system learn")?;
+        for p in evaluate_admittance_passes(&scenario, passes)? {
+            let f = &p.evaluation.figures;
+            println!(
+                "pass {} seed {} {}: force rmse {:.4} N true, {:.4} N measured | peak {:.3} N | normal {:.3} deg | tool {:.3} deg | path {:.2} s | lost {} | weight {:.2}",
+                p.pass,
+                p.evaluation.seed,
+                p.evaluation.phase,
+                f.force.rmse_n.unwrap_or(f64::NAN),
+                p.force_measured_rmse_n.unwrap_or(f64::NAN),
+                f.force.peak_n.unwrap_or(f64::NAN),
+                f.normal_error_settled_deg.map_or(f64::NAN, |s| s.mean),
+                f.tool_error_deg.map_or(f64::NAN, |s| s.mean),
+                p.path_time_s,
+                f.contact.lost_count,
+                p.memory_weight
+            );
+        }
+        return Ok(());
+    }
     let (mut cycle, mut lines) = (0_usize, Vec::new());
     let mut is_shown = || {
         cycle += 1;

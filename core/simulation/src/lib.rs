@@ -69,7 +69,8 @@ pub use stated::StatedCell;
 pub use surfaces::{ShapeConfig, Surface, SurfaceConfig, SurfacePoint};
 pub use systems::admittance::{
     AdmittanceCycle, AdmittanceLoop, AdmittancePlant, AdmittancePlantConfig, AdmittanceScenario,
-    PipelineConfig, evaluate_admittance, evaluate_admittance_samples, evaluate_admittance_with,
+    PassEvaluation, PipelineConfig, evaluate_admittance, evaluate_admittance_pass,
+    evaluate_admittance_passes, evaluate_admittance_samples, evaluate_admittance_with,
 };
 pub use systems::object::{
     ObjectCycle, ObjectLoop, ObjectMotionConfig, ObjectPlant, ObjectPlantConfig, ObjectScenario,

@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use tangent_control::ControlError;
+use tangent_control::{ControlError, MemoryError};
 use tangent_estimation::EstimationError;
 use tangent_sensing::SensingError;
 use toml::{Spanned, Table, Value};
@@ -100,6 +100,9 @@ pub enum ScenarioError {
     /// The control law or the task is not usable.
     #[error(transparent)]
     Control(#[from] ControlError),
+    /// What earlier passes learnt cannot be used.
+    #[error(transparent)]
+    Memory(#[from] MemoryError),
     /// The conditioning of the wrench has a wrong setting.
     #[error(transparent)]
     Sensing(#[from] SensingError),

@@ -13,6 +13,9 @@ use crate::error::ControlError;
 /// # Ok::<(), tangent_control::ControlError>(())
 /// ```
 pub trait LawConfig: Clone + Send + 'static {
+    /// Whether the law learns over repeated passes: `[learning]` of a task.
+    const LEARNS: bool = false;
+
     /// Checks all parameters.
     ///
     /// # Errors

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{ControlError, check_range};
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::learning::LearningSpec;
 use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
@@ -82,6 +83,9 @@ pub struct Task {
     /// What the result must keep for the part to be accepted, judged by the report.
     #[serde(default, skip_serializing_if = "Tolerances::is_empty")]
     pub tolerances: Tolerances,
+    /// Learning over repeated passes over the same part; `None`: nothing is learnt.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learning: Option<LearningSpec>,
     /// Whether the task only moves a tool off a surface that it may touch. For a stop after a
     /// restart; not in files.
     #[serde(skip)]
@@ -108,6 +112,7 @@ impl Task {
             end: EndSpec::default(),
             timeouts: TimeoutSpec::default(),
             tolerances: Tolerances::default(),
+            learning: None,
             only_leaves: true,
         }
     }
@@ -420,6 +425,9 @@ impl Task {
         check_range("timeouts.contact_s", self.timeouts.contact_s, 0.5, 120.0)?;
         check_range("timeouts.task_s", self.timeouts.task_s, 0.0, 86_400.0)?;
         self.tolerances.check()?;
+        if let Some(learning) = &self.learning {
+            learning.check()?;
+        }
         self.path.check()
     }
 }

@@ -6,6 +6,7 @@ use arrayvec::{ArrayString, ArrayVec};
 use crate::error::ControlError;
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::learning::{Learner, Memory, MemoryError};
 use crate::parameters::law_config::LawConfig;
 use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
@@ -39,6 +40,8 @@ pub struct Program<C = ControllerConfig> {
     pub path: Path,
     /// Estimators by order of preference.
     pub estimators: EstimatorNames,
+    /// What earlier passes learnt, and the record of this one; `None` if the task does not learn.
+    pub learner: Option<Box<Learner>>,
 }
 
 impl<C: LawConfig> Program<C> {
@@ -58,12 +61,39 @@ impl<C: LawConfig> Program<C> {
                     .map_err(|e| ControlError::range("estimators", e, "at most 64 bytes"))?,
             );
         }
+        let learner = match &task.learning {
+            Some(spec) if C::LEARNS => {
+                let memory = Memory::new(&path);
+                Some(Box::new(Learner::new(spec.clone(), memory)))
+            }
+            Some(spec) => {
+                return Err(ControlError::range(
+                    "learning.part",
+                    format!("\"{}\"", spec.part),
+                    "no `[learning]` with a torque-controlled arm: its laws do not learn",
+                ));
+            }
+            None => None,
+        };
         Ok(Self {
             task: task.clone(),
             config,
             path,
             estimators,
+            learner,
         })
+    }
+
+    /// Starts from what earlier passes learnt. No effect on a task that does not learn. Allocates.
+    ///
+    /// # Errors
+    /// The memory is of another path. The program is then unchanged, and learns anew.
+    pub fn remember(&mut self, memory: Memory) -> Result<(), MemoryError> {
+        if let (Some(spec), Some(learner)) = (&self.task.learning, &mut self.learner) {
+            memory.check_path(&self.path)?;
+            **learner = Learner::new(spec.clone(), memory);
+        }
+        Ok(())
     }
 }
 
@@ -84,5 +114,26 @@ impl Program {
             None => *config,
         };
         Self::with_config(task, config)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::HybridDynamicsConfig;
+
+    #[test]
+    fn only_the_law_that_learns_takes_a_task_that_does() {
+        let text = "name = \"a\"\nforce.reference_n = 3.0\nlearning.part = \"lid\"\n\
+                    path = { kind = \"stay\", duration_s = 1.0 }";
+        let task: Task = text.parse().unwrap();
+        let program = Program::new(&task, &ControllerConfig::default()).unwrap();
+        assert!(program.learner.is_some());
+        let error = Program::with_config(&task, HybridDynamicsConfig::default()).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains("learning.part") && error.contains("\"lid\""),
+            "{error}"
+        );
     }
 }

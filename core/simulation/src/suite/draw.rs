@@ -342,6 +342,7 @@ fn task(force_n: f64, path: PathSpec, x_axis: Vector3<f64>) -> Task {
         name: "suite".to_owned(),
         tare: true,
         tolerances: Tolerances::default(),
+        learning: None,
         only_leaves: false,
         ..Task::leave(force_n)
     }

@@ -15,6 +15,7 @@ mod deaf_sensor;
 mod depth_normal;
 mod depth_scenes;
 mod energy_balance;
+mod learning;
 mod moving_base;
 mod nees;
 mod object_pose;

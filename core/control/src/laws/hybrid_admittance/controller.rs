@@ -7,7 +7,7 @@ use super::config::ControllerConfig;
 use super::interface::{ControlInput, ControlOutput};
 use super::joint_velocity::JointVelocity;
 use super::loop_delay::{DelaySample, LoopDelay, LoopDelayState};
-use super::motion::{ramp_gains, wanted_twist};
+use super::motion::{Learning, ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
 use super::percept::Requests;
 use super::run::Run;
@@ -15,6 +15,7 @@ use crate::contact::alignment::alignment_error;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
+use crate::learning::Learner;
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::{is_arm_state, is_place, is_time, is_velocity};
@@ -97,6 +98,8 @@ pub struct Controller<const N: usize = 6> {
     limits: Limits,
     config: ControllerConfig,
     program: Option<Program>,
+    /// The program's own, moved here while it runs.
+    learner: Option<Box<Learner>>,
     names: EstimatorNames,
     activation: u64,
     requests: Requests,
@@ -128,6 +131,7 @@ impl<const N: usize> Controller<N> {
             limits,
             config,
             program: None,
+            learner: None,
             names: EstimatorNames::new(),
             activation: 0,
             requests: Requests::default(),
@@ -155,7 +159,7 @@ impl<const N: usize> Controller<N> {
     /// is greater.
     pub fn start(
         &mut self,
-        program: Program,
+        mut program: Program,
         latched: u64,
     ) -> Result<Option<Program>, ControlError> {
         if self.run.phase.is_active() {
@@ -177,7 +181,24 @@ impl<const N: usize> Controller<N> {
             self.config.alignment.gain_per_s,
             self.config.force.damping_n_s_per_m,
         ];
-        Ok(self.program.replace(program))
+        let learner = std::mem::replace(&mut self.learner, program.learner.take());
+        let mut before = self.program.replace(program);
+        if let Some(before) = &mut before {
+            before.learner = learner;
+        }
+        Ok(before)
+    }
+
+    /// The learner of the task that has ended, for the memory of the next pass; `None` while a task
+    /// runs, if the task does not learn, and when it was taken before. `true`: the path was
+    /// followed to its end without a fault.
+    pub fn take_learner(&mut self) -> Option<(Box<Learner>, bool)> {
+        if self.run.phase.is_active() {
+            return None;
+        }
+        let program = self.program.as_ref()?;
+        let completed = self.run.fault.is_none() && self.run.tracking.is_finished(&program.path);
+        Some((self.learner.take()?, completed))
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).
@@ -402,6 +423,16 @@ impl<const N: usize> Controller<N> {
             return self.stand(input);
         }
         let speed_factor = speed_target / self.speed_m_per_s * input.speed_scaling.clamp(0.0, 1.0);
+        let sensing_s = input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s);
+        let measured_s = self
+            .loop_delay
+            .measured_s(&self.delay)
+            .map(|(mean, _)| mean);
+        let delay_s = measured_s.unwrap_or(self.config.force.loop_delay_s);
+        let learning = self.learner.as_deref_mut().map(|learner| Learning {
+            learner,
+            lead_s: (delay_s - sensing_s).max(0.0),
+        });
         let wanted = wanted_twist(
             &mut self.run,
             program,
@@ -411,6 +442,7 @@ impl<const N: usize> Controller<N> {
             &percept,
             reference_n,
             speed_factor,
+            learning,
         );
         // The sensor is tared with the arm at rest; all other phases are relative to the floor.
         let wanted = if self.run.phase == Phase::Tare {
@@ -419,6 +451,9 @@ impl<const N: usize> Controller<N> {
             self.moving_base.against_base(&input.base_from_tool, wanted)
         };
         let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
+        if let Some(learner) = &mut self.learner {
+            learner.commanded(&twist.linear, input.dt_s);
+        }
         let (qd, manipulability) = self.joints.step(
             &self.arm,
             &self.flange_from_tool,
@@ -440,7 +475,7 @@ impl<const N: usize> Controller<N> {
             &DelaySample {
                 q: input.q,
                 commanded: qd,
-                sensing_s: input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s),
+                sensing_s,
                 free: moves_freely && input.speed_scaling > UNSCALED,
                 dt_s: input.dt_s,
             },

@@ -32,6 +32,9 @@ pub struct ForceSample {
     pub normal: Vector3<f64>,
     /// Commanded sliding velocity, base axes, m/s.
     pub along: Vector3<f64>,
+    /// Velocity along the normal that is fed forward, out of the material, m/s; `None` without a
+    /// memory of the surface.
+    pub ahead_m_per_s: Option<f64>,
     /// Delay of the wrench's filter, s.
     pub wrench_delay_s: f64,
     /// Whether the tool stands on the surface while the force builds up: depth and force then show
@@ -227,6 +230,9 @@ impl ForceLaw {
             }
             speed += self.integral.velocity(&sample.along);
         }
+        if let Some(ahead) = sample.ahead_m_per_s {
+            speed += ahead;
+        }
         speed = speed.clamp(-force.speed_max_m_per_s, force.speed_max_m_per_s);
         if force_n > 0.0 {
             speed = speed.max(-limits.power_max_w / force_n);
@@ -326,6 +332,7 @@ mod tests {
                 ),
                 normal: Vector3::z(),
                 along: Vector3::zeros(),
+                ahead_m_per_s: None,
                 wrench_delay_s: 0.008,
                 settling,
                 dt_s: self.dt,

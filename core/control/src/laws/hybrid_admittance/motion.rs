@@ -11,6 +11,7 @@ use super::run::Run;
 use super::touchdown::approach_speed;
 use crate::contact::alignment::alignment_rate;
 use crate::estimator_choice::EstimateStatus;
+use crate::learning::{Feedforward, Learner, PassSample};
 use crate::limits::{Limits, clamp_norm};
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
@@ -44,9 +45,17 @@ pub(super) fn wanted_twist<const N: usize>(
     percept: &Percept,
     reference_n: f64,
     speed_factor: f64,
+    learning: Option<Learning<'_>>,
 ) -> Twist<Aligned<Tool, Base>> {
     let normal = run.surface.normal;
     let still = Vector3::zeros();
+    let learning = match (run.phase, learning) {
+        (Phase::Seek, Some(learning)) => {
+            learning.learner.rest(true);
+            None
+        }
+        (_, learning) => learning,
+    };
     match run.phase {
         // No motion while the task is paused or the motion of the base is unknown.
         Phase::Approach | Phase::Seek if percept.base.is_some() || run.paused => {
@@ -86,6 +95,8 @@ pub(super) fn wanted_twist<const N: usize>(
                 factor,
                 input.dt_s,
             );
+            let learnt =
+                learning.and_then(|learning| run.learnt(program, learning, input, percept, &along));
             let (speed, turn) = if let Some(wrench) = percept.wrench {
                 run.force.step(
                     config,
@@ -96,6 +107,7 @@ pub(super) fn wanted_twist<const N: usize>(
                         base_from_tool: input.base_from_tool,
                         normal,
                         along,
+                        ahead_m_per_s: learnt.map(|learnt| learnt.speed_m_per_s),
                         wrench_delay_s: input.wrench_delay_s,
                         settling: run.phase == Phase::Contact,
                         dt_s: input.dt_s,
@@ -115,7 +127,8 @@ pub(super) fn wanted_twist<const N: usize>(
                 config.alignment.turn_rate_max_rad_per_s.min(bound),
             );
             let ahead = if config.alignment.feed_forward && run.phase == Phase::Slide {
-                run.surface.turn_rate
+                let own = run.surface.turn_rate;
+                learnt.map_or(own, |learnt| own.lerp(&learnt.turn_rate, learnt.weight))
             } else {
                 still
             };
@@ -125,7 +138,46 @@ pub(super) fn wanted_twist<const N: usize>(
     }
 }
 
+/// The learner of a task, and the delay of the arm.
+pub(super) struct Learning<'a> {
+    pub learner: &'a mut Learner,
+    /// Delay from a command to the tool's motion, s.
+    pub lead_s: f64,
+}
+
 impl Run {
+    /// What earlier passes learnt of the surface ahead, with the tool sliding at `along` (base
+    /// axes, m/s); `None` in other phases than `slide`, on a moving base, and where nothing is
+    /// known. Records the pass.
+    fn learnt<const N: usize>(
+        &self,
+        program: &Program,
+        learning: Learning<'_>,
+        input: &ControlInput<N>,
+        percept: &Percept,
+        along: &Vector3<f64>,
+    ) -> Option<Feedforward> {
+        let slides = self.phase == Phase::Slide && self.in_contact && input.base.is_none();
+        let Some((stroke, distance_m)) = self.tracking.place(&program.path).filter(|_| slides)
+        else {
+            learning.learner.rest(false);
+            return None;
+        };
+        let error_n = |force_n| force_n - self.force.reference_n();
+        learning.learner.step(&PassSample {
+            stroke,
+            distance_m,
+            position: percept.position,
+            normal: self.surface.normal,
+            along: *along,
+            error_n: percept.force_n.map(error_n),
+            stiffness_n_per_m: self.force.stiffness_n_per_m(),
+            force_age_s: input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s),
+            lead_s: learning.lead_s,
+            dt_s: input.dt_s,
+        })
+    }
+
     /// Whether the tool may explore while the force still builds up: it presses, and the first
     /// force has settled.
     fn may_explore(&self, config: &ControllerConfig, percept: &Percept) -> bool {

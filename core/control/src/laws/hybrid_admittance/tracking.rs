@@ -138,6 +138,12 @@ impl Tracking {
         }
     }
 
+    /// Index of the stroke at the path's clock, and the distance along it, m; `None` before the
+    /// first one.
+    pub fn place(&self, path: &Path) -> Option<(usize, f64)> {
+        path.stroke_at(self.clock_s)
+    }
+
     /// Elapsed share of the path's time, 0 to 1.
     pub fn progress(&self, path: &Path) -> f64 {
         if path.duration_s() > 0.0 {

@@ -196,6 +196,23 @@ impl Path {
         self.duration_s += profile.duration_s();
     }
 
+    /// Lengths of the strokes, m: the parts of the path that start and end at rest. For `loops`,
+    /// that of a tool at the highest speed of the policy.
+    pub fn stroke_lengths_m(&self) -> impl Iterator<Item = f64> + '_ {
+        let length_m = |s: &Stretch| s.profile.at(f64::INFINITY).0 * s.shape.metres_per_unit();
+        self.stretches.iter().map(length_m)
+    }
+
+    /// Index of the stroke at `time_s`, and the distance along it, m; `None` before the first one.
+    pub fn stroke_at(&self, time_s: f64) -> Option<(usize, f64)> {
+        let time_s = time_s.min(self.duration_s);
+        let index = (self.stretches).partition_point(|stretch| stretch.start_s <= time_s);
+        let index = index.checked_sub(1)?;
+        let stretch = &self.stretches[index];
+        let (distance, _) = stretch.profile.at(time_s - stretch.start_s);
+        Some((index, distance * stretch.shape.metres_per_unit()))
+    }
+
     /// Duration of the path at nominal speed, s.
     pub fn duration_s(&self) -> f64 {
         self.duration_s
@@ -219,6 +236,18 @@ impl Path {
 }
 
 impl Shape {
+    /// Metres of path per unit of the profile's length.
+    fn metres_per_unit(&self) -> f64 {
+        match *self {
+            Self::Straight { .. } | Self::Arc { .. } => 1.0,
+            Self::Loops {
+                radius,
+                turn_rate,
+                advance,
+            } => (radius * turn_rate).abs() + advance.abs(),
+        }
+    }
+
     /// `distance` and `speed` are those of the stretch's profile.
     fn at(&self, distance: f64, speed: f64) -> PathPoint {
         match *self {

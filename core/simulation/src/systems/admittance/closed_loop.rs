@@ -7,7 +7,7 @@
 
 use tangent_control::{
     CommandKind, ContactSign, ControlError, ControlInput, ControlOutput, Controller,
-    ControllerConfig, ControllerWord, EstimateInput, Limits, MAX_ESTIMATORS, Program, Task,
+    ControllerConfig, ControllerWord, EstimateInput, Limits, MAX_ESTIMATORS, Memory, Program, Task,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Flange, Pose, Tool, Twist, Wrench, manipulability};
@@ -68,9 +68,18 @@ pub fn evaluate_admittance_with(
 /// As [`AdmittanceLoop::new`].
 pub fn evaluate_admittance_samples(
     scenario: &AdmittanceScenario,
-    mut watch: impl FnMut(&AdmittanceCycle<'_>),
+    watch: impl FnMut(&AdmittanceCycle<'_>),
 ) -> Result<(Evaluation, Vec<CycleSample>), ScenarioError> {
     let mut closed_loop = AdmittanceLoop::new(scenario)?;
+    Ok(run_admittance(&mut closed_loop, scenario, watch))
+}
+
+/// Runs a loop to its end, passes every cycle to `watch` and returns all samples with the figures.
+pub(super) fn run_admittance(
+    closed_loop: &mut AdmittanceLoop,
+    scenario: &AdmittanceScenario,
+    mut watch: impl FnMut(&AdmittanceCycle<'_>),
+) -> (Evaluation, Vec<CycleSample>) {
     let (mut fault, mut estimator) = (None, 0);
     let samples = run_to_end(scenario.duration_s, closed_loop.plant.period_s(), || {
         let sample = closed_loop.step(&mut watch);
@@ -86,10 +95,10 @@ pub fn evaluate_admittance_samples(
         seed: scenario.seed,
         duration_s: closed_loop.plant.time_s(),
         fault,
-        state_digest: closed_loop.digest.finish(),
+        state_digest: closed_loop.digest.clone().finish(),
     };
     let evaluation = Evaluation::of(end, &samples);
-    Ok((evaluation, samples))
+    (evaluation, samples)
 }
 
 /// The closed loop, stepped cycle by cycle.
@@ -122,6 +131,17 @@ impl AdmittanceLoop {
     /// # Errors
     /// The cell of the scenario cannot be built, or its task, law or estimators are not usable.
     pub fn new(scenario: &AdmittanceScenario) -> Result<Self, ScenarioError> {
+        Self::with_memory(scenario, None)
+    }
+
+    /// Builds the cell and starts the task with what earlier passes learnt.
+    ///
+    /// # Errors
+    /// As [`AdmittanceLoop::new`], or the memory is of another path.
+    pub fn with_memory(
+        scenario: &AdmittanceScenario,
+        memory: Option<Memory>,
+    ) -> Result<Self, ScenarioError> {
         let plant = AdmittancePlant::new(&scenario.plant, scenario.seed)?;
         let flange_from_tool = plant.flange_from_tool();
         let wrench = WrenchChannel::new(
@@ -135,7 +155,11 @@ impl AdmittanceLoop {
         task.controller = None;
         let mut controller =
             Controller::new(*plant.model(), flange_from_tool, scenario.limits, config)?;
-        controller.start(Program::new(&task, &config)?, 1)?;
+        let mut program = Program::new(&task, &config)?;
+        if let Some(memory) = memory {
+            program.remember(memory)?;
+        }
+        controller.start(program, 1)?;
         let estimators = controller
             .estimators()
             .iter()

@@ -4,6 +4,7 @@
 mod check;
 mod closed_loop;
 mod cycle_line;
+mod passes;
 mod plant;
 mod plant_config;
 pub mod reproduction;
@@ -13,6 +14,7 @@ pub use closed_loop::{
     AdmittanceCycle, AdmittanceLoop, evaluate_admittance, evaluate_admittance_samples,
     evaluate_admittance_with,
 };
+pub use passes::{PassEvaluation, evaluate_admittance_pass, evaluate_admittance_passes};
 pub use plant::AdmittancePlant;
 pub use plant_config::AdmittancePlantConfig;
 pub use scenario::{AdmittanceScenario, PipelineConfig};

@@ -94,6 +94,8 @@ const RANGES: Ranges = &[
 ];
 
 impl LawConfig for ControllerConfig {
+    const LEARNS: bool = true;
+
     fn check(&self) -> Result<(), ControlError> {
         check_all(self, RANGES)?;
         let (force, contact) = (&self.force, &self.contact);
