@@ -68,7 +68,17 @@ fn two(args: &Report, a: (&Path, Part<'_>), b: (&Path, Part<'_>), json: bool) ->
     // The page of the first run alone keeps its name.
     let compared = files_a[0].with_extension("compared");
     put(args, &compared, page, json)?;
-    Ok(Outcome::Done)
+    let mut outcome = Outcome::Done;
+    for (letter, run, file) in [("A", &difference.a, a.0), ("B", &difference.b, b.0)] {
+        if run.is_lossy() {
+            let file = file.display();
+            terminal::say(&format!(
+                "{letter}: something is missing in {file}: `tangent report {file}` says what"
+            ));
+            outcome = Outcome::Lossy;
+        }
+    }
+    Ok(outcome)
 }
 
 /// Writes the page, if there is one, and opens it if that was asked for.

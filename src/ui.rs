@@ -12,13 +12,11 @@ use tangent_ui::access::{self, Role as PageRole};
 use tangent_ui::{Calibration, CalibrationStep, Calibrator, Config, Reporter, Tools};
 
 use crate::calibrate;
-use crate::cli::{Ui, UiRole};
+use crate::cli::{POSES, Ui, UiRole};
 use crate::output::{Outcome, bad_usage, print_json};
 
 /// Name of the person whose token is valid for one run of the page.
 const LOCAL: &str = "local";
-/// Number of poses that a calibration on the page asks for, as `tangent calibrate payload` does.
-const CALIBRATION_POSES: usize = 9;
 
 /// Serves the page until SIGINT or SIGTERM, or gives a person a token.
 ///
@@ -99,7 +97,7 @@ fn calibration_step(
 ) -> Calibration {
     let mut state = Calibration {
         done: true,
-        wanted: CALIBRATION_POSES,
+        wanted: usize::from(POSES),
         ..Calibration::default()
     };
     match step {

@@ -66,7 +66,27 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         assert_eq!(again["normal_error_deg"], live["normal_error_deg"]);
         assert!(number(&again, "/loop/packet_to_command_us/p50") > 0.0);
         opens(&path, folder.path());
+        says_what_a_cut_recording_lost(&path, folder.path());
     });
+}
+
+/// Exit code 3 says that something is missing in a recording, alone and in a comparison.
+fn says_what_a_cut_recording_lost(whole: &Path, folder: &Path) {
+    let cut = folder.join("cut.mcap");
+    let bytes = fs::read(whole).unwrap();
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let [whole, cut] = [whole, &cut].map(|path| path.to_str().unwrap());
+    for files in [&[cut][..], &[whole, cut], &[cut, whole]] {
+        let output = tangent()
+            .arg("report")
+            .args(files)
+            .arg("--no-html")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{files:?}: {said}");
+        assert!(said.contains("missing"), "{files:?}: {said}");
+    }
 }
 
 /// `report --open` passes the page to the desktop's program.

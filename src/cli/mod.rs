@@ -30,7 +30,7 @@ use std::path::PathBuf;
 use clap::{Parser, Subcommand};
 
 pub use bench::{Bench, BenchRole};
-pub use calibrate::{CalibrateCommand, CalibratePayload};
+pub use calibrate::{CalibrateCommand, CalibratePayload, POSES};
 pub use cell::{CellCommand, NewCell, NewSensor};
 pub use check::Check;
 pub use completions::Completions;

@@ -95,6 +95,13 @@ pub struct Who {
     pub address: String,
 }
 
+impl Who {
+    /// Whether this person has the rights of `role`.
+    pub fn may(&self, role: Role) -> bool {
+        self.role.is_some_and(|own| own >= role)
+    }
+}
+
 /// Sends commands to the cell, and publishes each with its outcome.
 pub struct Desk {
     bus: Bus,
@@ -116,7 +123,7 @@ impl Desk {
     pub fn carry_out(&self, who: &Who, command: &Command) -> Answer {
         let (stamp, began) = (clock::now_ns(), Instant::now());
         let answer = match command.role() {
-            Some(needed) if who.role.is_none_or(|role| role < needed) => refused(format!(
+            Some(needed) if !who.may(needed) => refused(format!(
                 "{} needs the role {needed}; {} has {}",
                 command.action(),
                 who.name,

@@ -19,6 +19,7 @@ mod recordings;
 mod server;
 mod snapshot;
 mod tasks;
+mod tools;
 mod watcher;
 
 use std::net::SocketAddr;
@@ -33,8 +34,8 @@ use commands::Desk;
 pub use config::Config;
 pub use error::UiError;
 use server::Shared;
-pub use server::{Calibration, CalibrationStep, Calibrator, Reporter, Tools};
 use tangent_scene::dose::DoseMap;
+pub use tools::{Calibration, CalibrationStep, Calibrator, Reporter, Tools};
 use watcher::Watcher;
 
 /// Name of the service in topics and health messages.

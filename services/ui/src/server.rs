@@ -3,7 +3,6 @@
 //! Every request passes [`guard`] first.
 
 use std::net::SocketAddr;
-use std::path::{Path as FilePath, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
@@ -16,7 +15,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Router};
 use futures_util::stream;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::clock;
@@ -29,6 +28,7 @@ use crate::config::Config;
 use crate::connection::{Bounded, Peer};
 use crate::pages::Pages;
 use crate::snapshot::LastCommand;
+use crate::tools::{CalibrationStep, Tools};
 use crate::{export, lock, page, recordings, tasks};
 use tangent_scene::dose::{DoseMap, Judgement};
 
@@ -48,56 +48,6 @@ const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; style-src 
 /// What a report may do: nothing in the name of this page.
 const REPORT_POLICY: &str = "sandbox allow-scripts allow-popups; default-src 'none'; \
     style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'";
-
-/// Writes the report of a recording, and returns its file.
-pub type Reporter = Arc<dyn Fn(&FilePath) -> Result<PathBuf, String> + Send + Sync>;
-/// Carries out a step of the payload's calibration. Blocks for some seconds at most.
-pub type Calibrator = Arc<dyn Fn(CalibrationStep) -> Calibration + Send + Sync>;
-
-/// What the program that runs the page does for it; what is `None` is not offered.
-#[derive(Clone, Default)]
-pub struct Tools {
-    /// Writes reports.
-    pub report: Option<Reporter>,
-    /// Calibrates the payload.
-    pub calibrate: Option<Calibrator>,
-}
-
-/// A step of the payload's calibration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CalibrationStep {
-    /// Forgets the poses so far.
-    Begin,
-    /// Takes the readings of the present pose.
-    Pose,
-}
-
-impl CalibrationStep {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Begin => "begin",
-            Self::Pose => "pose",
-        }
-    }
-}
-
-/// State of the calibration after a step.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Calibration {
-    /// Whether the step was done.
-    pub done: bool,
-    /// Why it was not, or what is missing still.
-    pub message: String,
-    /// Number of poses taken.
-    pub poses: usize,
-    /// Number of poses that should be taken.
-    pub wanted: usize,
-    /// Lines for the cell file, once the poses determine the payload.
-    pub cell_file: Option<String>,
-    /// Doubts about the result.
-    pub warnings: Vec<String>,
-}
 
 /// What the requests share.
 pub struct Shared {
@@ -485,7 +435,7 @@ async fn calibrate(
         let why = "not {\"step\": \"begin\"} or {\"step\": \"pose\"}";
         return refuse(StatusCode::BAD_REQUEST, why);
     };
-    if who.role.is_none_or(|role| role < Role::Engineer) {
+    if !who.may(Role::Engineer) {
         let why = "a calibration needs the role engineer";
         return refuse(StatusCode::UNAUTHORIZED, why);
     }

@@ -23,6 +23,24 @@ pub struct Compared {
     pub b: Option<f64>,
 }
 
+impl Compared {
+    /// Name and unit.
+    pub(crate) fn title(&self) -> String {
+        match self.unit {
+            "" => self.name.to_owned(),
+            unit => format!("{}, {unit}", self.name),
+        }
+    }
+
+    /// Both values and their difference; `-` for what was not measured.
+    pub(crate) fn shown(&self) -> [String; 3] {
+        let number = |v: f64| format!("{v:.3}");
+        let change = self.a.zip(self.b).map(|(a, b)| format!("{:+.3}", b - a));
+        [self.a.map(number), self.b.map(number), change]
+            .map(|text| text.unwrap_or_else(|| "-".to_owned()))
+    }
+}
+
 /// A setting that differs between the runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Setting {
@@ -34,6 +52,13 @@ pub struct Setting {
     pub a: Option<String>,
     /// Value in the second run.
     pub b: Option<String>,
+}
+
+impl Setting {
+    /// Both values; `-` where the setting is not there.
+    pub(crate) fn shown(&self) -> [&str; 2] {
+        [&self.a, &self.b].map(|value| value.as_deref().unwrap_or("-"))
+    }
 }
 
 /// Output of `report A B --json`.
@@ -69,19 +94,8 @@ impl Difference {
         }
         let _ = writeln!(text, "\n{:<36}{:>13}{:>13}{:>13}", "", "A", "B", "B - A");
         for one in &self.figures {
-            let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
-            let change = one.a.zip(one.b).map(|(a, b)| b - a);
-            let change = change.map_or_else(|| "-".to_owned(), |v| format!("{v:+.3}"));
-            let name = match one.unit {
-                "" => one.name.to_owned(),
-                unit => format!("{}, {unit}", one.name),
-            };
-            let _ = writeln!(
-                text,
-                "{name:<36}{:>13}{:>13}{change:>13}",
-                number(one.a),
-                number(one.b)
-            );
+            let [a, b, change] = one.shown();
+            let _ = writeln!(text, "{:<36}{a:>13}{b:>13}{change:>13}", one.title());
         }
         if self.settings.is_empty() {
             text += "\nno setting differs\n";
@@ -89,15 +103,9 @@ impl Difference {
             text += "\nsettings that differ\n";
         }
         for setting in &self.settings {
-            let value = |v: &Option<String>| v.clone().unwrap_or_else(|| "-".to_owned());
-            let _ = writeln!(
-                text,
-                "  {}: {}\n    A {}\n    B {}",
-                setting.place,
-                setting.key,
-                value(&setting.a),
-                value(&setting.b)
-            );
+            let [a, b] = setting.shown();
+            let (place, key) = (&setting.place, &setting.key);
+            let _ = writeln!(text, "  {place}: {key}\n    A {a}\n    B {b}");
         }
         text
     }
@@ -106,7 +114,7 @@ impl Difference {
 /// The run in one line: its file, its task, and how that ended.
 pub(crate) fn run_words(report: &Report) -> String {
     let file = report.recording.files.first();
-    let task = report.task.and_then(|n| report.tasks.get(n - 1));
+    let task = report.task_entry();
     format!(
         "{}, task {}",
         file.map_or("", String::as_str),
@@ -116,92 +124,74 @@ pub(crate) fn run_words(report: &Report) -> String {
 
 fn figures(a: &Report, b: &Report) -> Vec<Compared> {
     let mean = |spread: Option<Spread>| spread.map(|s| s.mean);
-    type Pick = fn(&Report) -> Option<f64>;
-    let numbers: [(&'static str, &'static str, Pick); 17] = [
-        ("duration", "s", |r| Some(r.duration_s)),
-        ("progress", "%", |r| r.events.progress.map(|p| 100.0 * p)),
-        ("force reference", "N", |r| {
+    type Pick<'p> = &'p dyn Fn(&Report) -> Option<f64>;
+    let picks: [(&'static str, &'static str, Pick<'_>); 22] = [
+        ("duration", "s", &|r| Some(r.duration_s)),
+        ("progress", "%", &|r| r.events.progress.map(|p| 100.0 * p)),
+        ("force reference", "N", &|r| {
             Some(r.figures.force.reference_n)
         }),
-        ("force, mean", "N", |r| r.figures.force.mean_n),
-        ("force error, RMS", "N", |r| r.figures.force.rmse_n),
-        ("force error, 95 %", "N", |r| {
+        ("force, mean", "N", &|r| r.figures.force.mean_n),
+        ("force error, RMS", "N", &|r| r.figures.force.rmse_n),
+        ("force error, 95 %", "N", &|r| {
             r.figures.force.p95_abs_error_n
         }),
-        ("force, highest", "N", |r| r.figures.force.peak_n),
-        ("touchdown, overshoot", "%", |r| {
+        ("force, highest", "N", &|r| r.figures.force.peak_n),
+        ("touchdown, overshoot", "%", &|r| {
             r.figures.force.overshoot_percent
         }),
-        ("touchdown, settled after", "s", |r| {
+        ("touchdown, settled after", "s", &|r| {
             r.figures.force.settling_s
         }),
-        ("path error, RMS", "mm", |r| {
+        ("path error, RMS", "mm", &|r| {
             r.figures.path.rmse_m.map(|m| 1e3 * m)
         }),
-        ("path error, largest", "mm", |r| {
+        ("path error, largest", "mm", &|r| {
             r.figures.path.max_m.map(|m| 1e3 * m)
         }),
-        ("contact", "%", |r| {
+        ("contact", "%", &|r| {
             r.figures.contact.fraction.map(|x| 100.0 * x)
         }),
-        ("contact lost, times", "", |r| {
+        ("contact lost, times", "", &|r| {
             Some(r.figures.contact.lost_count as f64)
         }),
-        ("manipulability, least", "", |r| {
+        ("manipulability, least", "", &|r| {
             r.figures.joints.manipulability_min
         }),
-        ("packet to command, median", "us", |r| {
+        ("packet to command, median", "us", &|r| {
             r.r#loop.packet_to_command_us.map(|q| q.p50)
         }),
-        ("packet to command, 99 %", "us", |r| {
+        ("packet to command, 99 %", "us", &|r| {
             r.r#loop.packet_to_command_us.map(|q| q.p99)
         }),
-        ("cycles missed", "", |r| {
+        ("cycles missed", "", &|r| {
             r.r#loop.missed_cycles.map(|n| n as f64)
         }),
+        ("normal error, mean", "deg", &|r| {
+            mean(r.figures.normal_error_deg)
+        }),
+        ("normal error settled, mean", "deg", &|r| {
+            mean(r.figures.normal_error_settled_deg)
+        }),
+        ("tool against surface, mean", "deg", &|r| {
+            mean(r.figures.tool_error_deg)
+        }),
+        ("tool against estimate, mean", "deg", &|r| {
+            mean(r.figures.alignment_error_deg)
+        }),
+        ("NEES per degree of freedom", "", &|r| {
+            r.figures.normal_nees_per_dof
+        }),
     ];
-    let angles = [
-        (
-            "normal error, mean",
-            mean(a.figures.normal_error_deg),
-            mean(b.figures.normal_error_deg),
-        ),
-        (
-            "normal error settled, mean",
-            mean(a.figures.normal_error_settled_deg),
-            mean(b.figures.normal_error_settled_deg),
-        ),
-        (
-            "tool against surface, mean",
-            mean(a.figures.tool_error_deg),
-            mean(b.figures.tool_error_deg),
-        ),
-        (
-            "tool against estimate, mean",
-            mean(a.figures.alignment_error_deg),
-            mean(b.figures.alignment_error_deg),
-        ),
-    ];
-    let angles = angles.map(|(name, a, b)| Compared {
-        name,
-        unit: "deg",
-        a,
-        b,
-    });
-    let nees = Compared {
-        name: "NEES per degree of freedom",
-        unit: "",
-        a: a.figures.normal_nees_per_dof,
-        b: b.figures.normal_nees_per_dof,
-    };
-    let numbers = numbers.map(|(name, unit, pick)| Compared {
-        name,
-        unit,
-        a: pick(a),
-        b: pick(b),
-    });
-    let all = numbers.into_iter().chain(angles).chain([nees]);
-    all.filter(|one| one.a.is_some() || one.b.is_some())
+    picks
+        .map(|(name, unit, pick)| Compared {
+            name,
+            unit,
+            a: pick(a),
+            b: pick(b),
+        })
+        .into_iter()
+        .filter(|one| one.a.is_some() || one.b.is_some())
         .collect()
 }
 

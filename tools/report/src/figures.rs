@@ -4,7 +4,6 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use tangent_control::Phase;
 use tangent_schemas::tangent::ControlState;
 use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
@@ -15,7 +14,7 @@ use crate::comparison::{self, EstimatorFigures, Switch};
 use crate::events::Events;
 use crate::run::{Growth, Run};
 use crate::task_run::TaskRun;
-use crate::tasks::TaskEntry;
+use crate::tasks::{TaskEntry, phase_of};
 use crate::{object, tactile};
 
 /// Output of `report --json`.
@@ -136,6 +135,11 @@ pub struct RecordingFigures {
 }
 
 impl Report {
+    /// The task that the figures are of.
+    pub fn task_entry(&self) -> Option<&TaskEntry> {
+        self.tasks.get(self.task?.checked_sub(1)?)
+    }
+
     /// Computes all figures of a run.
     pub fn of(run: &Run, task: &TaskRun<'_>) -> Self {
         let samples: Vec<CycleSample> = task.cycles.iter().map(|c| c.sample).collect();
@@ -237,10 +241,7 @@ fn loop_figures(run: &Run) -> LoopFigures {
         .map(|arm| arm.packet_to_command_s * 1e6)
         .filter(|us| *us > 0.0)
         .collect();
-    let pressing = |c: &&ControlState| {
-        let phases = [Phase::Contact, Phase::Slide, Phase::Hold].map(|phase| phase as u8);
-        phases.contains(&c.phase)
-    };
+    let pressing = |c: &&ControlState| phase_of(c).is_pressing();
     // The value is negative if there is no zero, or its drift is unknown.
     let greatest = |value: fn(&ControlState) -> f64| {
         let values = run.control.iter().filter(pressing).map(value);

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Vector3};
+use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
@@ -102,6 +103,12 @@ impl<'a> TaskRun<'a> {
             start_ns: origin_ns.unwrap_or(start_ns),
             window_ns,
         }
+    }
+
+    /// The cycles on the path and at rest at its end, in contact.
+    pub fn sliding(&self) -> Vec<&Cycle<'a>> {
+        let slides = |c: &&Cycle<'_>| matches!(c.sample.phase, Phase::Slide | Phase::Hold);
+        self.cycles.iter().filter(slides).collect()
     }
 
     /// The cycles in the form that the figures need, with the estimates of `estimator` in place of

@@ -59,10 +59,7 @@ pub(crate) fn tasks(states: &[ControlState]) -> Vec<TaskEntry> {
 
 /// The phase in a message; an unknown number, from a later version, counts as idle.
 pub(crate) fn phase_of(control: &ControlState) -> Phase {
-    Phase::ALL
-        .into_iter()
-        .find(|phase| *phase as u8 == control.phase)
-        .unwrap_or_default()
+    Phase::from_code(control.phase).unwrap_or_default()
 }
 
 #[cfg(test)]

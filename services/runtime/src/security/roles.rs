@@ -30,6 +30,14 @@ pub struct Service {
     pub tokens: &'static [&'static str],
 }
 
+/// What a service sends to a cell for people.
+const COMMANDS: &[&str] = &[
+    "control/task",
+    "control/stop",
+    "control/select",
+    "netft/tare",
+];
+
 const RTDE: Service = Service {
     name: "rtde",
     publishes: &["arm/state", "arm/wrench"],
@@ -88,12 +96,7 @@ const ROS2: Service = Service {
     name: "ros2",
     publishes: &["base/pose", "ros2/**"],
     answers: &[],
-    asks: &[
-        "control/task",
-        "control/stop",
-        "control/select",
-        "netft/tare",
-    ],
+    asks: COMMANDS,
     tokens: &[],
 };
 const RECORDER: Service = Service {
@@ -116,12 +119,7 @@ const UI: Service = Service {
     name: "ui",
     publishes: &["operator/command"],
     answers: &[],
-    asks: &[
-        "control/task",
-        "control/stop",
-        "control/select",
-        "netft/tare",
-    ],
+    asks: COMMANDS,
     tokens: &[],
 };
 const SIMULATOR: Service = Service {

@@ -109,11 +109,7 @@ fn kept_rows(series: &[Series<'_>]) -> Vec<usize> {
 /// The path of the tool and the dose of pressure on the surface, in 3D; empty if the tool did not
 /// slide.
 pub(super) fn surface(run: &Run, task: &TaskRun<'_>) -> String {
-    let sliding: Vec<&Cycle<'_>> = task
-        .cycles
-        .iter()
-        .filter(|c| matches!(c.sample.phase, Phase::Slide | Phase::Hold))
-        .collect();
+    let sliding = task.sliding();
     if sliding.len() < 2 {
         return String::new();
     }

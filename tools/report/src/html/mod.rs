@@ -125,8 +125,7 @@ fn when_and_where(run: &Run, task: &TaskRun<'_>) -> String {
 /// How the task ended, in one line.
 fn result(report: &Report) -> String {
     let verdict = report.events.verdict_words(report.fault.as_deref());
-    let name = report.task.and_then(|n| report.tasks.get(n - 1));
-    let name = name.map_or("", |task| task.name.as_str());
+    let name = report.task_entry().map_or("", |task| task.name.as_str());
     let accepted = match report.accepted {
         None => "",
         Some(true) => "; ACCEPTED",

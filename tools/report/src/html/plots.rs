@@ -196,11 +196,7 @@ fn positive(value: f64) -> Option<f64> {
 
 /// Plot of the path in the plane that fits its reference best.
 fn path(task: &TaskRun<'_>) -> Result<String, ReportError> {
-    let sliding: Vec<&Cycle<'_>> = task
-        .cycles
-        .iter()
-        .filter(|c| matches!(c.sample.phase, Phase::Slide | Phase::Hold))
-        .collect();
+    let sliding = task.sliding();
     if sliding.len() < 2 {
         return Ok(String::new());
     }

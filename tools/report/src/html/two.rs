@@ -46,8 +46,8 @@ pub(super) fn body(
 /// Title of the page.
 pub(super) fn title(difference: &Difference) -> String {
     let name = |report: &Report| {
-        let task = report.task.and_then(|n| report.tasks.get(n - 1));
-        task.map_or("no task", |t| t.name.as_str()).to_owned()
+        let task = report.task_entry();
+        task.map_or("no task", |t| t.name.as_str())
     };
     format!(
         "Two runs: {} and {}",
@@ -60,17 +60,11 @@ fn figures(difference: &Difference) -> String {
     let mut html = "<h2>Figures</h2>\n<div class=\"wide\"><table><tr><th></th><th>A</th><th>B</th><th>B - A</th></tr>\n"
         .to_owned();
     for one in &difference.figures {
-        let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
-        let change = one.a.zip(one.b).map(|(a, b)| b - a);
-        let change = change.map_or_else(|| "-".to_owned(), |v| format!("{v:+.3}"));
-        let unit = if one.unit.is_empty() { "" } else { ", " };
+        let [a, b, change] = one.shown();
         let _ = writeln!(
             html,
-            "<tr><td>{}{unit}{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{change}</td></tr>",
-            one.name,
-            one.unit.replace("us", "µs"),
-            number(one.a),
-            number(one.b)
+            "<tr><td>{}</td><td class=\"n\">{a}</td><td class=\"n\">{b}</td><td class=\"n\">{change}</td></tr>",
+            one.title().replace(", us", ", µs")
         );
     }
     html.push_str("</table></div>\n");
@@ -85,14 +79,12 @@ fn settings(difference: &Difference) -> String {
                     <th>B</th></tr>\n"
         .to_owned();
     for setting in &difference.settings {
-        let value = |v: &Option<String>| escaped(v.as_deref().unwrap_or("-"));
+        let [a, b] = setting.shown().map(escaped);
         let _ = writeln!(
             html,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{a}</td><td>{b}</td></tr>",
             escaped(&setting.place),
-            escaped(&setting.key),
-            value(&setting.a),
-            value(&setting.b)
+            escaped(&setting.key)
         );
     }
     html.push_str("</table></div>\n");
