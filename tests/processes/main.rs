@@ -12,6 +12,7 @@ mod endings;
 mod failures;
 mod franka;
 mod impostor;
+mod learning;
 mod object;
 mod priorities;
 mod recordings;

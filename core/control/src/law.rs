@@ -11,6 +11,7 @@ use tangent_sensing::{BaseMotion, Validity};
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{SwitchCause, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS, ObjectInput, UntaredLoad, VisionInput};
+use crate::learning::EndedPass;
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::parameters::law_config::LawConfig;
@@ -255,6 +256,12 @@ pub trait Law<const N: usize>: Send {
 
     /// Retracts a tool that is left on the surface; `latched` as in [`Start`].
     fn leave_surface(&mut self, latched: u64);
+
+    /// The pass of a task that learns, once it has ended; `None` if it was taken before, and for a
+    /// law that does not learn.
+    fn take_pass(&mut self) -> Option<EndedPass> {
+        None
+    }
 
     /// Switches to another estimator. `force` waives the checks of validity and agreement.
     ///

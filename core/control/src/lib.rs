@@ -39,7 +39,7 @@ pub use laws::unified_force_impedance::{
     TankBooks, TorqueInterface, UnifiedForceImpedance, UnifiedForceImpedanceConfig, UnifiedInput,
     UnifiedOutput,
 };
-pub use learning::{Learner, LearningSpec, Memory, MemoryError};
+pub use learning::{EndedPass, Learner, LearningSpec, Memory, MemoryError};
 pub use leaving::clearance::{Clearance, LeaveConfig};
 pub use leaving::tare_permission::{ContactSign, ControllerWord};
 pub use limits::faults::Fault;

@@ -141,6 +141,12 @@ impl<L: Law<N>, const N: usize> Cycle<L, N> {
         state.step_s = took.as_secs_f64();
         self.meters.step.record(took);
         self.publish(&arm.message, state, &output, other);
+        // What a task has learnt stays here until the one before was taken.
+        if !self.mailbox.pass.is_full()
+            && let Some(pass) = self.runner.law.take_pass()
+        {
+            let _ = self.mailbox.pass.push(pass);
+        }
     }
 
     fn publish(

@@ -74,6 +74,9 @@ pub enum TaskRefusal {
         .0.join(", ")
     )]
     NoObject(Vec<String>),
+    /// What earlier passes over the part learnt cannot be used.
+    #[error("learning.part: {0}")]
+    Lessons(String),
     /// A topic has a second publisher.
     #[error("{0}: end the one that does not belong to this cell, and start the task again")]
     SecondPublisher(String),

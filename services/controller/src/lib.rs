@@ -10,6 +10,7 @@ mod config;
 mod cycle;
 mod error;
 mod inputs;
+mod lessons;
 mod mailbox;
 mod memory;
 mod messages;
@@ -97,7 +98,7 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
                 Parameter::Damping => config.control.force.damping_n_s_per_m,
             },
         );
-    let kind = Normals::new(&bus, &config)?;
+    let kind = Normals::new(&bus, &config, memory.lessons())?;
     let runner = Runner { law, inputs, live };
     let side = Side { scene, memory };
     serve(&bus, health, runner, kind, side, &stop)

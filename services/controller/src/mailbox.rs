@@ -12,7 +12,7 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_queue::ArrayQueue;
-use tangent_control::{Clearance, ControlError, EstimatorName, Phase, SwitchRefusal};
+use tangent_control::{Clearance, ControlError, EndedPass, EstimatorName, Phase, SwitchRefusal};
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut;
 use tangent_sensing::TareGround;
@@ -181,6 +181,8 @@ pub struct Mailbox<P> {
     /// Whether the tool may touch something, from the loop, to be stored across restarts. Only the
     /// newest counts.
     pub clearance: ArrayQueue<Clearance>,
+    /// The pass of a task that learns, once it has ended.
+    pub pass: ArrayQueue<EndedPass>,
     phase: AtomicU64,
     cycles: AtomicU64,
 }
@@ -209,6 +211,7 @@ impl<P> Default for Mailbox<P> {
             epoch: Instant::now(),
             withdraw_due: AtomicBool::new(false),
             clearance: ArrayQueue::new(1),
+            pass: ArrayQueue::new(1),
             phase: AtomicU64::new(Phase::Idle as u64),
             cycles: AtomicU64::new(0),
         }

@@ -1,10 +1,10 @@
-//! State that persists after the controller ends: whether the tool may touch something, and the
-//! direction away from it.
+//! State that persists after the controller ends: whether the tool may touch something, the
+//! direction away from it, and what tasks learnt.
 //!
 //! The request handler writes it before a task starts, a side thread stores the loop's updates, and
 //! the next controller starts with it.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use nalgebra::Vector3;
@@ -13,6 +13,7 @@ use tangent_control::Clearance;
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{StateError, StateFolder, Stop};
 
+use crate::lessons::Lessons;
 use crate::mailbox::Mailbox;
 
 /// Name of the file.
@@ -73,6 +74,7 @@ impl Kept {
 pub struct Memory {
     folder: Option<StateFolder>,
     known: Mutex<Known>,
+    lessons: Arc<Lessons>,
 }
 
 struct Known {
@@ -103,6 +105,7 @@ impl Memory {
             );
         }
         Self {
+            lessons: Arc::new(Lessons::new(folder.clone())),
             folder,
             known: Mutex::new(Known {
                 clearance,
@@ -110,6 +113,11 @@ impl Memory {
                 failed: false,
             }),
         }
+    }
+
+    /// What tasks learnt.
+    pub fn lessons(&self) -> &Arc<Lessons> {
+        &self.lessons
     }
 
     /// The stored clearance.
@@ -159,6 +167,7 @@ impl Memory {
 
     /// Stores the newest update from the loop.
     pub fn take<P>(&self, mailbox: &Mailbox<P>) {
+        self.lessons.take(mailbox);
         let Some(clearance) = mailbox.clearance.pop() else {
             return;
         };

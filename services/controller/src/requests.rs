@@ -217,6 +217,8 @@ impl<K: Kind> RequestHandler<K> {
         if said_clear {
             tracing::warn!("a task is started by a person who confirms that the tool hangs free");
         }
+        // What the task before has learnt may wait still.
+        self.memory.lessons().take(&self.mailbox);
         let (name, program) = match self.kind.prepare(text) {
             Ok(prepared) => prepared,
             Err(reason) => return refused(reason.to_string()),

@@ -36,7 +36,7 @@ pub use disk::Disk;
 pub use error::RecorderError;
 pub use message::{Record, RecordedMessage};
 pub use pattern::matches_any;
-pub use recording::Recording;
+pub use recording::{Contents, Recording};
 pub use service::{Definitions, SERVICE, Summary, run, run_for};
 pub use stream::RecordingStream;
 pub use writer::{FileOptions, RecordingWriter};

@@ -326,7 +326,12 @@ pub(crate) fn batch(topic: &str, bytes: &[u8]) -> Option<WrenchBatch> {
 
 /// Number of messages in a message of a recording; 1 if it is not a batch.
 pub(crate) fn count(topic: &str, type_name: &str, bytes: &[u8]) -> u64 {
-    batch_of(topic, type_name, bytes).map_or(1, |batch| batch.force_x.len() as u64)
+    size(topic, type_name, bytes).unwrap_or(1)
+}
+
+/// Number of messages in a batch; `None` if the message is not a batch.
+pub(crate) fn size(topic: &str, type_name: &str, bytes: &[u8]) -> Option<u64> {
+    batch_of(topic, type_name, bytes).map(|batch| batch.force_x.len() as u64)
 }
 
 /// A message as it came from the bus.

@@ -8,11 +8,13 @@ use mcap::read::{LinearReader, Options};
 use mcap::records::Record as McapRecord;
 use mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use mcap::{McapError, Message};
+use tangent_schemas::Message as _;
+use tangent_schemas::standard::WrenchStamped;
 
 use crate::RecorderError;
 use crate::message::RecordedMessage;
 use crate::order::Ordered;
-use crate::packing::unpack;
+use crate::packing::{packed_topic, size, unpack};
 use crate::writer::PUBLISHERS;
 
 /// The bytes of a file, and up to where its records are complete.
@@ -120,6 +122,37 @@ fn whole_length(bytes: &[u8]) -> usize {
     }
 }
 
+/// What a message of a file holds: one message of the bus, or a batch of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contents<'a> {
+    /// Topic of the messages, with its leading slash.
+    pub topic: &'a str,
+    /// Their ROS 2 message type.
+    pub type_name: &'a str,
+    /// Their number.
+    pub count: u64,
+}
+
+impl<'a> Contents<'a> {
+    fn of(message: &'a Message<'_>) -> Self {
+        let schema = message.channel.schema.as_ref();
+        let type_name = schema.map_or("", |schema| schema.name.as_str());
+        let topic = message.channel.topic.as_str();
+        match packed_topic(topic).zip(size(topic, type_name, &message.data)) {
+            Some((topic, count)) => Self {
+                topic,
+                type_name: WrenchStamped::NAME,
+                count,
+            },
+            None => Self {
+                topic,
+                type_name,
+                count: 1,
+            },
+        }
+    }
+}
+
 /// A recording and its contents.
 pub struct Recording {
     path: PathBuf,
@@ -200,9 +233,23 @@ impl Recording {
     pub fn try_messages(
         &self,
     ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {
-        Ordered::new(self.whole.messages().flat_map(|message| match message {
-            Ok(message) => unpack(message.into()).into_iter().map(Ok).collect(),
-            Err(source) => vec![Err(RecorderError::mcap(&self.path, source))],
-        }))
+        self.try_messages_where(|_| true)
+    }
+
+    /// As [`Recording::try_messages`], only those for which `wanted` is true. It is asked in the
+    /// order of the file, once for all messages of a batch. What is not wanted costs little.
+    pub fn try_messages_where<'a>(
+        &'a self,
+        mut wanted: impl FnMut(&Contents<'_>) -> bool + 'a,
+    ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + 'a {
+        Ordered::new(
+            self.whole
+                .messages()
+                .flat_map(move |message| match message {
+                    Ok(message) if !wanted(&Contents::of(&message)) => Vec::new(),
+                    Ok(message) => unpack(message.into()).into_iter().map(Ok).collect(),
+                    Err(source) => vec![Err(RecorderError::mcap(&self.path, source))],
+                }),
+        )
     }
 }

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::sync_channel;
 
-use tangent_recorder::{RecordedMessage, Recording};
+use tangent_recorder::{Contents, RecordedMessage, RecorderError, Recording};
 use tangent_schemas::standard::{Header, PoseStamped};
 use tangent_schemas::tangent::{
     ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, ShapingState,
@@ -16,6 +17,23 @@ use crate::tasks::{TaskEntry, tasks};
 
 /// Time before and after a task whose messages belong to it, ns.
 pub(crate) const BESIDE_NS: i64 = 1_000_000_000;
+
+/// Messages that are passed on from unpacking to decoding together, and how often that many may
+/// wait.
+const SENT_TOGETHER: usize = 512;
+const QUEUED: usize = 8;
+/// Types of the messages that [`Run::take`] decodes.
+const TAKEN: [&str; 9] = [
+    ArmState::NAME,
+    ControlState::NAME,
+    ShapingState::NAME,
+    NormalEstimate::NAME,
+    ObjectEstimate::NAME,
+    PoseStamped::NAME,
+    ContactTruth::NAME,
+    WrenchStatus::NAME,
+    Health::NAME,
+];
 
 /// Contents of the recording of one run, from one file or several.
 #[derive(Default)]
@@ -185,33 +203,71 @@ impl Run {
             let name = name.strip_prefix(&prefix).unwrap_or(name);
             self.attachments.insert(name.to_owned(), text.clone());
         }
-        for message in recording.try_messages() {
-            let message = match message {
-                Ok(mut message) => {
-                    if !prefix.is_empty() {
-                        let key = message.topic.trim_start_matches('/').strip_prefix(&prefix);
-                        let Some(key) = key else {
-                            continue;
-                        };
-                        message.topic = format!("/{key}");
+        // Unpacking and decoding take about the same time: each has a thread.
+        let (send, received) = sync_channel::<Vec<_>>(QUEUED);
+        std::thread::scope(|scope| {
+            let (recording, prefix) = (&recording, prefix.as_str());
+            let reading = scope.spawn(move || {
+                let mut topics = BTreeMap::<String, (String, u64)>::new();
+                let wanted = |held: &Contents<'_>| {
+                    let topic = held.topic.trim_start_matches('/');
+                    let Some(key) = topic.strip_prefix(prefix) else {
+                        return false;
+                    };
+                    match topics.get_mut(key) {
+                        Some((_, count)) => *count += held.count,
+                        None => {
+                            topics.insert(key.to_owned(), (held.type_name.to_owned(), held.count));
+                        }
                     }
-                    message
+                    TAKEN.contains(&held.type_name)
+                };
+                let mut messages = recording.try_messages_where(wanted);
+                loop {
+                    let some: Vec<_> = messages.by_ref().take(SENT_TOGETHER).collect();
+                    if some.is_empty() || send.send(some).is_err() {
+                        break;
+                    }
                 }
-                Err(error) => {
-                    self.damages.push(error.to_string());
-                    break;
-                }
-            };
-            let entry = self
-                .topics
-                .entry(message.topic.clone())
-                .or_insert_with(|| (message.type_name.clone(), 0));
-            entry.1 += 1;
-            if self.take(&message, wrench_lost, said).is_err() {
-                self.undecodable += 1;
+                drop(messages);
+                topics
+            });
+            for message in received.into_iter().flatten() {
+                self.take_or_count(message, prefix, wrench_lost, said);
             }
-        }
+            let joined = reading.join();
+            for (key, (type_name, count)) in
+                joined.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            {
+                let entry = self.topics.entry(format!("/{key}"));
+                entry.or_insert((type_name, 0)).1 += count;
+            }
+        });
         Ok(())
+    }
+
+    /// Takes a message of the cell with this prefix, or notes why not.
+    fn take_or_count(
+        &mut self,
+        message: Result<RecordedMessage, RecorderError>,
+        prefix: &str,
+        wrench_lost: &mut Growth,
+        said: &mut BTreeMap<String, String>,
+    ) {
+        match message {
+            Ok(mut message) => {
+                if !prefix.is_empty() {
+                    let topic = message.topic.trim_start_matches('/');
+                    let key = topic.strip_prefix(prefix).unwrap_or(topic);
+                    message.topic = format!("/{key}");
+                }
+                if self.take(&message, wrench_lost, said).is_err() {
+                    self.undecodable += 1;
+                }
+            }
+            // It is the last one.
+            Err(error) => self.damages.push(error.to_string()),
+        }
     }
 
     fn take(

@@ -109,6 +109,11 @@ impl Learner {
         }
     }
 
+    /// Name of the part.
+    pub fn part(&self) -> &str {
+        &self.spec.part
+    }
+
     /// The tool does not slide: the feedforward ramps in again. `lost`: contact was lost here, and
     /// nothing is learnt around.
     pub fn rest(&mut self, lost: bool) {
@@ -220,6 +225,22 @@ impl Learner {
             self.memory.learn(&self.pass, &self.spec);
         }
         self.memory
+    }
+}
+
+/// A pass that has ended.
+#[derive(Clone, Debug)]
+pub struct EndedPass {
+    /// Its record.
+    pub learner: Box<Learner>,
+    /// Whether the path was followed to its end without a fault.
+    pub completed: bool,
+}
+
+impl EndedPass {
+    /// The memory for the next pass, see [`Learner::finish`].
+    pub fn finish(self) -> Memory {
+        self.learner.finish(self.completed)
     }
 }
 
@@ -402,8 +423,8 @@ mod tests {
                     x += 0.1 / 300.0;
                 }
                 memory = learner.finish(true);
-                let text = memory.to_text().unwrap();
-                prop_assert_eq!(&Memory::from_text(&text).unwrap(), &memory);
+                let text = toml::to_string(&memory).unwrap();
+                prop_assert_eq!(&toml::from_str::<Memory>(&text).unwrap(), &memory);
             }
         }
     }

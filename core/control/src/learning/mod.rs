@@ -11,8 +11,9 @@ mod pass;
 mod spec;
 mod store;
 mod trust;
+mod update;
 
-pub use learner::{Feedforward, Learner, PassSample};
+pub use learner::{EndedPass, Feedforward, Learner, PassSample};
 pub use memory::{Memory, SurfacePoint};
 pub use spec::LearningSpec;
 pub use store::MemoryError;

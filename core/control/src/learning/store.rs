@@ -1,16 +1,15 @@
-//! The stored form of a memory: a versioned TOML document.
+//! The stored form of a memory: versioned, and checked when it is read.
 
-use thiserror::Error;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 
-use super::memory::{BINS_MAX, Memory, VERSION};
+use super::memory::{BINS_MAX, Memory, Stroke, VERSION};
 use super::pass::CORRECTION_MAX;
+use crate::task::path::Path;
 
 /// Why a stored memory cannot be used.
-#[derive(Clone, Debug, Error, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MemoryError {
-    /// The text is no memory.
-    #[error("the learnt memory is damaged: {0}; delete it, and the next pass learns anew")]
-    Syntax(String),
     /// The memory is of another version of this program.
     #[error(
         "the learnt memory has version {found}, this program reads version {VERSION}; delete it, \
@@ -45,32 +44,54 @@ pub enum MemoryError {
     OtherPath,
 }
 
-impl Memory {
-    /// The memory as text.
-    ///
-    /// # Errors
-    /// None for a memory that was learnt or read.
-    pub fn to_text(&self) -> Result<String, MemoryError> {
-        toml::to_string(self).map_err(|e| MemoryError::Syntax(e.to_string()))
-    }
+/// A memory as read, before it is checked.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stored {
+    version: u32,
+    passes: u32,
+    strokes: Vec<Stroke>,
+}
 
-    /// Reads and checks a memory.
-    ///
-    /// # Errors
-    /// What is wrong with it.
-    pub fn from_text(text: &str) -> Result<Self, MemoryError> {
-        #[derive(serde::Deserialize)]
-        struct Versioned {
-            version: u32,
+impl<'de> Deserialize<'de> for Memory {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        Self::try_from(Stored::deserialize(from)?).map_err(D::Error::custom)
+    }
+}
+
+impl TryFrom<Stored> for Memory {
+    type Error = MemoryError;
+
+    fn try_from(stored: Stored) -> Result<Self, MemoryError> {
+        if stored.version != VERSION {
+            return Err(MemoryError::Version {
+                found: stored.version,
+            });
         }
-        let syntax = |e: toml::de::Error| MemoryError::Syntax(e.message().to_owned());
-        let Versioned { version } = toml::from_str(text).map_err(syntax)?;
-        if version != VERSION {
-            return Err(MemoryError::Version { found: version });
-        }
-        let memory: Self = toml::from_str(text).map_err(syntax)?;
+        let memory = Self {
+            version: stored.version,
+            passes: stored.passes,
+            strokes: stored.strokes,
+        };
         memory.check()?;
         Ok(memory)
+    }
+}
+
+impl Memory {
+    /// Checks that the memory is of `path`.
+    ///
+    /// # Errors
+    /// The strokes differ in number or length.
+    pub fn check_path(&self, path: &Path) -> Result<(), MemoryError> {
+        let fits = self.strokes.len() == path.stroke_lengths_m().count()
+            && (self.strokes.iter().zip(path.stroke_lengths_m()))
+                .all(|(stroke, length_m)| (stroke.length_m - length_m).abs() < 1e-3);
+        if fits {
+            Ok(())
+        } else {
+            Err(MemoryError::OtherPath)
+        }
     }
 
     fn check(&self) -> Result<(), MemoryError> {
@@ -127,7 +148,7 @@ impl Memory {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::task::path::{Path, PathSpec};
+    use crate::task::path::PathSpec;
 
     fn memory() -> Memory {
         let text = "kind = \"line\"\nto_m = [0.01, 0.0]\nspeed_m_per_s = 0.02";
@@ -137,13 +158,13 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let text = memory().to_text().unwrap();
-        assert_eq!(Memory::from_text(&text).unwrap(), memory());
+        let text = toml::to_string(&memory()).unwrap();
+        assert_eq!(toml::from_str::<Memory>(&text).unwrap(), memory());
     }
 
     #[test]
     fn damage_is_refused_with_its_reason() {
-        let text = memory().to_text().unwrap();
+        let text = toml::to_string(&memory()).unwrap();
         for (from, to, reason) in [
             ("version = 1", "version = 7", "version 7"),
             ("version = 1", "", "version"),
@@ -161,10 +182,10 @@ mod tests {
         ] {
             let damaged = text.replacen(from, to, 1);
             assert_ne!(damaged, text, "{from}");
-            let error = Memory::from_text(&damaged).unwrap_err().to_string();
+            let error = toml::from_str::<Memory>(&damaged).unwrap_err().to_string();
             assert!(error.contains(reason), "{reason}: {error}");
         }
-        assert!(Memory::from_text(&text[..text.len() / 2 + 3]).is_err());
+        assert!(toml::from_str::<Memory>(&text[..text.len() / 2 + 3]).is_err());
     }
 
     #[test]

@@ -139,7 +139,7 @@ fn an_exchanged_part_is_noticed_and_learnt() {
 fn a_memory_is_stored_and_read_again() {
     let sheet = scenario("sheet", &[]);
     let memory = learnt(&sheet, 2).unwrap();
-    let read = Memory::from_text(&memory.to_text().unwrap()).unwrap();
+    let read = toml::from_str::<Memory>(&toml::to_string(&memory).unwrap()).unwrap();
     let (a, _) = evaluate_admittance_pass(&sheet, 3, Some(memory)).unwrap();
     let (b, _) = evaluate_admittance_pass(&sheet, 3, Some(read.clone())).unwrap();
     assert_eq!(a.evaluation.state_digest, b.evaluation.state_digest);

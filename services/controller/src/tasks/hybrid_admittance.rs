@@ -1,6 +1,6 @@
 //! Prepares tasks of the hybrid admittance for the loop, with the normal estimators that they name.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tangent_control::{ControllerConfig, EstimatorName, Program, Task};
 use tangent_runtime::{Bus, BusError, Latest};
@@ -11,6 +11,7 @@ use super::start_check::StartCheck;
 use crate::config::Config;
 use crate::error::TaskRefusal;
 use crate::inputs::EstimateReader;
+use crate::lessons::Lessons;
 use crate::mailbox::{Action, Mailbox, Time};
 use crate::requests::{FRESH, Kind, one_speaks};
 use crate::runner::Prepared;
@@ -20,12 +21,13 @@ pub struct Normals {
     bus: Bus,
     config: ControllerConfig,
     check: StartCheck<6>,
+    lessons: Arc<Lessons>,
     estimates: Mutex<Vec<(String, Latest<NormalEstimate>)>>,
 }
 
 impl Normals {
     /// Subscribes to the estimators of the cell's configuration.
-    pub fn new(bus: &Bus, config: &Config) -> Result<Self, BusError> {
+    pub fn new(bus: &Bus, config: &Config, lessons: &Arc<Lessons>) -> Result<Self, BusError> {
         let estimates = config
             .estimators
             .iter()
@@ -34,6 +36,7 @@ impl Normals {
         Ok(Self {
             bus: bus.clone(),
             config: config.control,
+            lessons: Arc::clone(lessons),
             check: StartCheck::new(
                 bus,
                 config.arm,
@@ -83,14 +86,16 @@ impl Kind for Normals {
     type Program = Prepared<ControllerConfig>;
 
     fn prepare(&self, text: &str) -> Result<(String, Prepared<ControllerConfig>), TaskRefusal> {
-        let program = text
+        let mut program = text
             .parse::<Task>()
             .and_then(|task| Program::new(&task, &self.config))?;
         let task = &program.task;
         self.check.task(task, &program.path)?;
         self.check
             .estimators(&self.bus, &task.estimators, topics::estimate_normal)?;
-        Ok((task.name.clone(), prepared(program)))
+        let name = task.name.clone();
+        self.lessons.recall(&mut program)?;
+        Ok((name, prepared(program)))
     }
 
     fn leave(&self) -> Result<Prepared<ControllerConfig>, TaskRefusal> {

@@ -5,7 +5,6 @@ use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
-use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tip, Tool, World};
 use tangent_page_libraries::{UPLOT, UPLOT_STYLE};
 use tangent_runtime::CellConfig;
@@ -113,7 +112,9 @@ pub(super) fn surface(run: &Run, task: &TaskRun<'_>) -> String {
     if sliding.len() < 2 {
         return String::new();
     }
-    let tip = tip(run);
+    let cell_file = cell_file(run);
+    let tip = (cell_file.as_ref()).map_or(Tip::Unknown, |cell| cell.tool.tip.tip());
+    let band = cell_file.and_then(|cell| cell.ui.dose_band_n_s_per_cm2);
     let map = dose(task, &tip);
     let stride = sliding.len().div_ceil(PATH_POINTS);
     let shown: Vec<&Cycle<'_>> = sliding.iter().step_by(stride).copied().collect();
@@ -140,7 +141,7 @@ pub(super) fn surface(run: &Run, task: &TaskRun<'_>) -> String {
         .filter(|(_, _, values)| values.iter().any(|v| !v.is_null()))
         .map(|(name, unit, values)| json!({ "name": name, "unit": unit, "v": values }))
         .collect();
-    let judged = map.judge(None);
+    let judged = map.judge(band);
     let cells: Vec<Value> = map.cells().iter().map(cell).collect();
     let holes: Vec<Value> = judged.holes.iter().map(place).collect();
     let path: Vec<Value> = shown
@@ -151,8 +152,12 @@ pub(super) fn surface(run: &Run, task: &TaskRun<'_>) -> String {
         .iter()
         .map(|c| place(&c.sample.path_reference))
         .collect();
+    let good = match band {
+        Some([least, most]) => format!("{least} to {most} N s/cm²"),
+        None => "half to twice the median dose".to_owned(),
+    };
     let words = format!(
-        "{:.1} N s pressed onto {:.1} cm², {:.0} % of it with half to twice the median dose; {} {}.",
+        "{:.1} N s pressed onto {:.1} cm², {:.0} % of it with {good}; {} {}.",
         map.impulse_n_s(),
         judged.area_cm2,
         100.0 * judged.good_cm2 / judged.area_cm2.max(f64::MIN_POSITIVE),
@@ -182,11 +187,9 @@ fn tool_angle(cycle: &Cycle<'_>) -> Option<f64> {
     }
 }
 
-/// Tip in the cell file of the recording; unknown without one.
-fn tip(run: &Run) -> Tip {
-    let cell = run.attachments.get("cell.toml");
-    let cell = cell.and_then(|text| CellConfig::parse("cell.toml", text).ok());
-    cell.map_or(Tip::Unknown, |cell| cell.tool.tip.tip())
+/// The cell file of the recording.
+fn cell_file(run: &Run) -> Option<CellConfig> {
+    CellConfig::parse("cell.toml", run.attachments.get("cell.toml")?).ok()
 }
 
 /// Dose of the whole task.

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
-use tangent_control::Phase;
 use tangent_simulation::metrics::{Spread, angle_deg};
 
 use super::phases::bands;

@@ -7,7 +7,6 @@ use tangent_simulation::metrics::angle_deg;
 use super::{escaped, plots};
 use crate::difference::{Difference, run_words};
 use crate::error::ReportError;
-use crate::figures::Report;
 use crate::plot::{Axes, Curve};
 use crate::task_run::{Cycle, TaskRun};
 
@@ -45,15 +44,9 @@ pub(super) fn body(
 
 /// Title of the page.
 pub(super) fn title(difference: &Difference) -> String {
-    let name = |report: &Report| {
-        let task = report.task_entry();
-        task.map_or("no task", |t| t.name.as_str())
-    };
-    format!(
-        "Two runs: {} and {}",
-        name(&difference.a),
-        name(&difference.b)
-    )
+    let [a, b] = [&difference.a, &difference.b]
+        .map(|report| report.task_entry().map_or("no task", |task| &task.name));
+    format!("Two runs: {a} and {b}")
 }
 
 fn figures(difference: &Difference) -> String {

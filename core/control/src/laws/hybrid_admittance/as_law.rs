@@ -5,6 +5,7 @@ use super::controller::Controller;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::SwitchRefusal;
 use crate::law::{EstimatorInUse, JointCommand, Law, LawInput, LawOutput, Start};
+use crate::learning::EndedPass;
 use crate::leaving::clearance::Clearance;
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
@@ -98,6 +99,10 @@ impl<const N: usize> Law<N> for Controller<N> {
 
     fn leave_surface(&mut self, latched: u64) {
         Controller::leave_surface(self, latched);
+    }
+
+    fn take_pass(&mut self) -> Option<EndedPass> {
+        Controller::take_pass(self)
     }
 
     fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {

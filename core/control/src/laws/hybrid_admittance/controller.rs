@@ -15,7 +15,7 @@ use crate::contact::alignment::alignment_error;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
-use crate::learning::Learner;
+use crate::learning::{EndedPass, Learner};
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::{is_arm_state, is_place, is_time, is_velocity};
@@ -189,16 +189,16 @@ impl<const N: usize> Controller<N> {
         Ok(before)
     }
 
-    /// The learner of the task that has ended, for the memory of the next pass; `None` while a task
-    /// runs, if the task does not learn, and when it was taken before. `true`: the path was
-    /// followed to its end without a fault.
-    pub fn take_learner(&mut self) -> Option<(Box<Learner>, bool)> {
+    /// The pass that has ended, for the memory of the next one; `None` while a task runs, if the
+    /// task does not learn, and when it was taken before.
+    pub fn take_pass(&mut self) -> Option<EndedPass> {
         if self.run.phase.is_active() {
             return None;
         }
         let program = self.program.as_ref()?;
         let completed = self.run.fault.is_none() && self.run.tracking.is_finished(&program.path);
-        Some((self.learner.take()?, completed))
+        let learner = self.learner.take()?;
+        Some(EndedPass { learner, completed })
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).

@@ -68,11 +68,6 @@ impl<const N: usize> Preflight<'_, N> {
     fn numbers(&self) -> Vec<Refusal> {
         let (task, limits) = (self.task, self.limits);
         let mut found = Vec::new();
-        if let Some(learning) = &task.learning {
-            found.push(Refusal::Learning {
-                part: learning.part.clone(),
-            });
-        }
         if task.force.reference_n >= limits.force_max_n {
             found.push(Refusal::Force {
                 reference_n: task.force.reference_n,

@@ -117,15 +117,6 @@ pub enum Refusal {
         /// Speed limit of the cell, m/s.
         limit_m_per_s: f64,
     },
-    /// The task learns, and a live cell does not keep what is learnt.
-    #[error(
-        "`learning.part` is \"{part}\", and a cell does not keep what a task learns yet: remove `[learning]`; \
-         `tangent evaluate --passes` learns in simulation"
-    )]
-    Learning {
-        /// Name of the part.
-        part: String,
-    },
     /// The tool stands outside the workspace.
     #[error(
         "the tool stands outside the workspace, at {} m in base axes: {edge}; move the arm inside by hand, or correct the limit",
@@ -207,7 +198,6 @@ impl Refusal {
             | Self::Singular { at, .. } => Some(at),
             Self::Force { .. }
             | Self::Speed { .. }
-            | Self::Learning { .. }
             | Self::StartOutside { .. }
             | Self::ApproachBackwards { .. } => None,
         }

@@ -84,18 +84,6 @@ fn a_force_at_the_limit_is_refused_with_both_numbers() {
     }
 }
 
-/// A live cell does not keep what a task learns: the key would have no effect.
-#[test]
-fn a_task_that_learns_is_refused_on_a_live_cell() {
-    let task = format!("learning.part = \"lid\"\n{TASK}");
-    let found = ur5([0.4, 0.0, 0.3], &workspace(), &task);
-    let words = words(&found).unwrap();
-    assert!(
-        words.contains("learning.part") && words.contains("\"lid\""),
-        "{words}"
-    );
-}
-
 #[test]
 fn every_speed_is_held_against_the_limit() {
     let limits = Limits {

@@ -2,7 +2,7 @@
 //! --passes N`.
 
 use serde::Serialize;
-use tangent_control::{LearningSpec, Memory, Phase};
+use tangent_control::{EndedPass, LearningSpec, Memory, Phase};
 
 use super::closed_loop::{AdmittanceLoop, run_admittance};
 use super::scenario::AdmittanceScenario;
@@ -74,9 +74,8 @@ pub fn evaluate_admittance_pass(
         memory_weight,
         evaluation,
     };
-    let learner = closed_loop.controller().take_learner();
-    let memory = learner.map(|(learner, completed)| learner.finish(completed));
-    Ok((result, memory))
+    let ended = closed_loop.controller().take_pass();
+    Ok((result, ended.map(EndedPass::finish)))
 }
 
 fn measured_rmse_n(samples: &[CycleSample], first_s: Option<f64>) -> Option<f64> {
