@@ -8,10 +8,10 @@ use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::wait_for;
 use tangent_live::live_beside_others;
 
-const PROCESSES: [&str; 1] = ["router simulator netft rtde controller estimator"];
+const PROCESSES: [&str; 2] = ["router simulator netft rtde estimator", "controller"];
 
-/// The memory of a part grows with each pass, over a restart of the cell too; one that is damaged
-/// refuses the task with its file, and other parts are not concerned.
+/// The memory of a part grows with each pass, over a restart of the controller too; one that is
+/// damaged refuses the task with its file.
 #[test]
 fn a_part_is_learnt_over_passes_and_a_restart() {
     live_beside_others(|| {
@@ -25,7 +25,7 @@ fn a_part_is_learnt_over_passes_and_a_restart() {
         fs::write(&task, format!("learning.part = \"lid\"\n{text}")).unwrap();
         let state = cell.file().parent().unwrap().join("state");
         let mut file = None;
-        for passes in 1..=3 {
+        for passes in 1..=2 {
             Observer::join(&cell).wipe(&cell, &task);
             let found = wait_for("the pass is stored", PATIENCE, || {
                 let name = fs::read_dir(&state).ok()?.next()?.ok()?.path();
@@ -34,9 +34,9 @@ fn a_part_is_learnt_over_passes_and_a_restart() {
                 (memory["passes"] == passes).then_some(path)
             });
             file = Some(found);
-            if passes == 2 {
-                cell.process(PROCESSES[0]).kill();
-                cell.start_all(&PROCESSES);
+            if passes == 1 {
+                assert_eq!(cell.process("controller").terminate(PATIENCE), Some(0));
+                cell.start("controller");
             }
         }
         let file = file.unwrap();
@@ -46,7 +46,5 @@ fn a_part_is_learnt_over_passes_and_a_restart() {
             + &String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains("learnt-lid.json"), "{said}");
-        fs::remove_file(&file).unwrap();
-        Observer::join(&cell).wipe(&cell, &task);
     });
 }
