@@ -299,7 +299,15 @@ fn an_operator_works_with_it_in_a_browser() {
         assert_eq!(found["phone_dark"], "rgb(17, 22, 28)");
         let place: Vec<f64> = serde_json::from_value(found["phone_stop"].clone()).unwrap();
         assert!(place[0] > 0.0 && place[1] <= place[2], "{place:?}");
-        let stopped = json!(["Standing still", "Paused", "Approaching"]);
+        let stopped = json!([
+            "Standing still",
+            "Paused",
+            "Approaching",
+            "Touching down",
+            "Sliding",
+            "Pressing and standing",
+            "Retracting"
+        ]);
         assert_eq!(found["stopped_in"], stopped);
         let cut = found["cut"].as_str().unwrap();
         assert!(

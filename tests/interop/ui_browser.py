@@ -172,7 +172,11 @@ try:
     # The phone stops it in further phases.
     click(desk, "pause")
     stop_on_phone("Paused")
-    start_and_stop_in("Approaching")
+    for phase in ("Approaching", "Touching down", "Sliding"):
+        start_and_stop_in(phase)
+    Select(element(desk, "tasks")).select_by_value("wipe.toml")
+    for phase in ("Pressing and standing", "Retracting"):
+        start_and_stop_in(phase)
 
     # The service is silent for a while, as if the connection was cut.
     os.kill(SERVICE, signal.SIGSTOP)
