@@ -40,6 +40,7 @@ impl Normals {
                 config.flange_from_tool,
                 config.limits,
                 config.estimators.clone(),
+                ControllerConfig::TRAVELS,
             )?,
             estimates: Mutex::new(estimates),
         })
