@@ -18,4 +18,5 @@ mod recordings;
 mod requests;
 mod restarts;
 mod robot;
+mod teach;
 mod topics;
