@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use tangent_control::{ControllerConfig, EstimatorName, Program, Task};
+use tangent_control::{ControllerConfig, EstimatorName, LawConfig, Program, Task};
 use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics;
