@@ -171,7 +171,10 @@ fn a_task_that_a_hand_has_shown_runs_from_another_pose() {
         let said = stderr(&ran);
         assert_eq!(ran.status.code(), Some(0), "{said}");
         let seen = observer.controls(begun);
-        let phase = |name: &str| seen.iter().filter(move |s| s.message.phase_text == name);
+        let phase = |name: &'static str| {
+            seen.iter()
+                .filter(move |s| s.message.phase_text.as_str() == name)
+        };
         assert!(phase("travel").count() > 10 && phase("slide").count() > 10);
         let arrived = phase("tare").next().or(phase("approach").next()).unwrap();
         let at = &arrived.message.path_reference;
