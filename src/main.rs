@@ -26,6 +26,7 @@ mod status;
 mod suite;
 mod table;
 mod task_file;
+mod teach;
 mod terminal;
 mod topic;
 mod ui;
@@ -132,6 +133,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Calibrate(CalibrateCommand::Payload(args)) => {
             calibrate::payload(args, &config()?, json)
         }
+        Command::Teach(args) => teach::run(args, &config()?, json),
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Ui(args) => ui::run(args, config()?, json),
         Command::Topic(command) => topic::run(command, &config()?, json),

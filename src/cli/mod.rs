@@ -19,6 +19,7 @@ mod run;
 mod seconds;
 mod status;
 mod task;
+mod teach;
 #[cfg(test)]
 mod tests;
 mod topic;
@@ -46,6 +47,7 @@ pub use robot::RobotCommand;
 pub use run::{Record, Run};
 pub use status::{Health, Status};
 pub use task::TaskCommand;
+pub use teach::Teach;
 pub use topic::{Echo, Hz, TopicCommand};
 pub use ui::{Ui, UiRole};
 pub use up::Up;
@@ -102,6 +104,9 @@ pub enum Command {
     /// Measure the values that the cell file states about the sensor.
     #[command(subcommand)]
     Calibrate(CalibrateCommand),
+    /// Show a path by hand: the arm is guided, points and strokes are taken with keys, and a task
+    /// file is written.
+    Teach(Teach),
     /// Read or set live parameters.
     #[command(subcommand)]
     Param(ParamCommand),
@@ -160,6 +165,7 @@ impl Command {
             | Self::Estimator(_)
             | Self::Tare { .. }
             | Self::Calibrate(_)
+            | Self::Teach(_)
             | Self::Param(_)
             | Self::Ui(_)
             | Self::Topic(_)

@@ -19,4 +19,5 @@ mod recordings;
 mod requests;
 mod restarts;
 mod robot;
+mod teach;
 mod topics;

@@ -7,6 +7,7 @@ pub mod contact;
 mod error;
 mod estimator_choice;
 mod inputs;
+mod joint_move;
 mod law;
 pub mod laws;
 pub mod learning;
@@ -56,7 +57,7 @@ pub use task::preflight;
 pub use task::profile::Profile;
 pub use task::program::{EstimatorName, EstimatorNames, Program};
 pub use task::{
-    ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
-    Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
+    ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, StartSpec, SwitchingSpec, Task,
+    TimeoutSpec, Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
 };
 pub use verdict::Verdict;

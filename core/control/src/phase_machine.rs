@@ -20,9 +20,10 @@
 //!   done or fault <────────────────────────────── retract
 //! ```
 //!
-//! A stop or a fault leads from every phase to `retract`; from `tare` and `clear`, in which nothing
-//! is touched yet, straight to the end. `hold` also stands in for a phase in which the wrench is
-//! missing. Which law takes which path, and when, is in the law's own folder.
+//! A stop or a fault leads from every phase to `retract`; from `tare`, `clear` and `travel`, in which
+//! nothing is touched, straight to the end. `hold` also stands in for a phase in which the wrench is
+//! missing. A task with a start pose first goes through `travel`, after `clear` if there is doubt, and
+//! one with a home pose goes through it again after `retract`. Which law takes which path, and when, is in the law's own folder.
 
 /// Phase of a task. The numeric value is `ControlState.phase`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -51,11 +52,13 @@ pub enum Phase {
     Tare = 9,
     /// Moving away from possible contact, before the sensor's bias is measured.
     Clear = 10,
+    /// Moving in joint space to the task's start pose, or home after it.
+    Travel = 11,
 }
 
 impl Phase {
     /// All phases.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Idle,
         Self::Approach,
         Self::Contact,
@@ -67,6 +70,7 @@ impl Phase {
         Self::Seek,
         Self::Tare,
         Self::Clear,
+        Self::Travel,
     ];
 
     /// Phase from the number in `ControlState.phase`.
@@ -88,6 +92,7 @@ impl Phase {
             Self::Seek => "seek",
             Self::Tare => "tare",
             Self::Clear => "clear",
+            Self::Travel => "travel",
         }
     }
 

@@ -1,7 +1,7 @@
 //! Checks of a task start without a running cell: for `tangent check` and `tangent up`.
 
 use tangent_control::preflight::{Preflight, Refusal};
-use tangent_control::{ControlError, Limits, Path, Program, Task};
+use tangent_control::{ControlError, ControllerConfig, LawConfig, Limits, Path, Program, Task};
 use tangent_mechanics::{Arm, Flange, ModelData, Pose, Tool};
 use tangent_runtime::CellConfig;
 use tangent_runtime::config::Law;
@@ -32,6 +32,7 @@ pub fn refusals(
             &program.path,
             (&config.arm, &config.flange_from_tool, &config.limits),
             start,
+            ControllerConfig::TRAVELS,
         );
     }
     match TorqueConfig::from_cell(cell, model)? {
@@ -57,6 +58,7 @@ fn of_cell<C: ServedLaw, const N: usize>(
         &path,
         (&cell.arm, &cell.flange_from_tool, &cell.limits),
         start,
+        C::TRAVELS,
     )
 }
 
@@ -65,6 +67,7 @@ fn of_arm<const N: usize>(
     path: &Path,
     (arm, flange_from_tool, limits): (&Arm<N>, &Pose<Flange, Tool>, &Limits),
     start: Option<&[f64]>,
+    travels: bool,
 ) -> Result<Vec<Refusal>, ControllerError> {
     let start = start.map(joints::<N>).transpose().map_err(|error| {
         ControllerError::Task(ControlError::Syntax(format!("start pose: {error}")))
@@ -75,6 +78,7 @@ fn of_arm<const N: usize>(
         limits,
         arm,
         flange_from_tool,
+        travels,
     };
     Ok(preflight.refusals(start.as_ref()))
 }

@@ -311,7 +311,7 @@ impl Trouble {
 fn wrench_of_law(control: &ControlState) -> (WrenchStamped, WrenchStatus) {
     let phase = Phase::from_code(control.phase).unwrap_or_default();
     let usable = phase.is_active()
-        && !matches!(phase, Phase::Tare | Phase::Clear)
+        && !matches!(phase, Phase::Tare | Phase::Clear | Phase::Travel)
         && control.force_n.is_finite();
     let wrench = WrenchStamped {
         header: control.header.clone(),

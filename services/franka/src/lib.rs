@@ -74,6 +74,8 @@ pub mod queries {
     pub const POWER_ON: &str = "franka/power_on";
     /// Refused, with advice: brakes are closed in the robot's own web page.
     pub const POWER_OFF: &str = "franka/power_off";
+    /// Refused, with advice: an arm of Franka is guided with the buttons at its hand.
+    pub const GUIDE: &str = "franka/guide";
     /// End the motion now; a task has to be started again before the arm moves.
     pub const STOP: &str = "franka/stop";
 }

@@ -20,6 +20,8 @@ const ANSWER: Duration = Duration::from_secs(1);
 const REFLEX: i32 = 3;
 const POWER: &str = "a Franka's control interface has no command for power and brakes: use its web page (Desk), and \
     switch FCI on there";
+const GUIDE: &str = "a Franka is guided with its own buttons: hold both buttons at the hand and move the arm. Its \
+    poses are read all the same";
 
 /// Starts to answer requests.
 pub(crate) fn answers(bus: &Bus) -> Result<Vec<Handle>, BusError> {
@@ -28,11 +30,12 @@ pub(crate) fn answers(bus: &Bus) -> Result<Vec<Handle>, BusError> {
         arm: Mutex::new(bus.latest(&topics::ARM_STATE)?),
     });
     type Asked = fn(&Modes) -> Answer;
-    let requests: [(&str, Asked); 5] = [
+    let requests: [(&str, Asked); 6] = [
         (queries::UNLOCK, Modes::unlock),
         (queries::RESET, Modes::unlock),
         (queries::POWER_ON, |_| refused(POWER)),
         (queries::POWER_OFF, |_| refused(POWER)),
+        (queries::GUIDE, |_| refused(GUIDE)),
         (queries::STATUS, Modes::status),
     ];
     requests

@@ -13,6 +13,7 @@ use tangent_runtime::config::UrReading;
 use tangent_schemas::arm_modes::RUNTIME_PLAYING;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
+use crate::guiding::{GuideEnd, Guiding};
 use crate::link::{Link, LinkEvent};
 use crate::link_error::LinkError;
 use crate::program::{CommandCode, ProgramState, RegisterMap};
@@ -69,6 +70,17 @@ pub enum BridgeEvent {
     Finished,
 }
 
+/// Why the arm is not given to a hand.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum GuideRefusal {
+    /// The arm follows no commands now.
+    #[error("the arm is not ready: {0}")]
+    NotReady(Reason),
+    /// The arm moves, or follows a task.
+    #[error("a task uses the arm: stop it first with `tangent task stop`")]
+    TaskRuns,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ending {
     No,
@@ -96,6 +108,8 @@ pub struct Bridge {
     latency_s: f64,
     latency_is_new: bool,
     soft_stop: u32,
+    guiding: Guiding,
+    streamed: bool,
     ending: Ending,
     values: Vec<Value>,
 }
@@ -125,6 +139,8 @@ impl Bridge {
             latency_s: 0.0,
             latency_is_new: false,
             soft_stop: 0,
+            guiding: Guiding::default(),
+            streamed: false,
             ending: Ending::No,
             values: Vec::with_capacity(16),
             config,
@@ -145,6 +161,7 @@ impl Bridge {
         self.gate.admission.latch();
         self.has_sample = false;
         self.soft_stop = 0;
+        self.guiding.end(GuideEnd::Fault);
         if self.ending != Ending::No {
             self.ending = Ending::Finished;
         }
@@ -185,8 +202,7 @@ impl Bridge {
     /// time commands the arm. When the lease changes hands, `activation` of the new source and all
     /// older ones are rejected, so that a task has to be started again.
     pub fn admit(&mut self, source: &Source, activation: u64, now_s: f64) -> bool {
-        let rests = *self.gate.qd() == Vector6::zeros()
-            && self.sample.qd.iter().all(|v| v.abs() < AT_REST_RAD_PER_S);
+        let rests = self.rests();
         match self.lease.admit(source, now_s, rests) {
             LeaseDecision::Held => true,
             LeaseDecision::Taken => {
@@ -213,15 +229,26 @@ impl Bridge {
         } else if self.ending != Ending::No {
             permission = permission.min_with(Permission::RampDown);
         }
+        if permission != Permission::Move {
+            self.guiding.end(GuideEnd::Fault);
+        }
+        let guided = self.guiding.step(now_s);
+        if guided || self.is_free() {
+            // No task moves an arm that a hand guides.
+            permission = Permission::Off;
+        }
         let allowed = self.gate.step(self.cycle, permission, posture, arrived);
         if allowed.soft_stop {
             self.soft_stop = 1;
         }
+        self.streamed = allowed.streaming;
         self.advance_ending(now_s, out)?;
         let code = if matches!(self.ending, Ending::Exit { .. }) {
             CommandCode::Exit
         } else if self.soft_stop > 0 {
             CommandCode::SoftStop
+        } else if guided {
+            CommandCode::Guide
         } else if allowed.streaming {
             CommandCode::Stream
         } else {
@@ -269,12 +296,42 @@ impl Bridge {
 
     /// Has the robot decelerate and latch. The arm moves again only for a newer activation.
     pub fn stop(&mut self) {
+        self.guiding.end(GuideEnd::Asked);
         self.gate.admission.latch();
         self.soft_stop = 1;
     }
 
+    /// Lets a hand guide the arm, or lets the hand that guides it continue, for
+    /// [`crate::guiding::KEEP_ALIVE_S`].
+    ///
+    /// # Errors
+    /// Why the arm is not to be guided: it would not move for a task either, or a task uses it.
+    pub fn guide(&mut self, now_s: f64) -> Result<(), GuideRefusal> {
+        if !self.guiding.is_asked() {
+            if let Some(reason) = self.reason() {
+                return Err(GuideRefusal::NotReady(reason));
+            }
+            if self.streamed || !self.rests() {
+                return Err(GuideRefusal::TaskRuns);
+            }
+        }
+        self.guiding.ask(now_s);
+        Ok(())
+    }
+
+    /// Has the arm hold itself again. No effect if no hand guides it.
+    pub fn end_guiding(&mut self) {
+        self.guiding.end(GuideEnd::Asked);
+    }
+
+    /// Whether the arm is to be guided, and why that ended last.
+    pub fn guiding(&self) -> &Guiding {
+        &self.guiding
+    }
+
     /// Begins the orderly shutdown: ramp to rest, end the program, pause the stream.
     pub fn end(&mut self, now_s: f64) {
+        self.guiding.end(GuideEnd::Asked);
         if self.ending == Ending::No {
             self.ending = if self.link.is_streaming() && self.has_sample {
                 Ending::ToRest { since_s: now_s }
@@ -360,9 +417,21 @@ impl Bridge {
             Some(reason)
         } else if self.soft_stop > 0 {
             Some(Reason::StopAsked)
+        } else if self.guiding.is_asked() || self.is_free() {
+            Some(Reason::Guided)
         } else {
             None
         }
+    }
+
+    /// Whether the robot's program reports that a hand can move the arm.
+    fn is_free(&self) -> bool {
+        self.sample.program_state == i32::from(ProgramState::Guided.number())
+    }
+
+    fn rests(&self) -> bool {
+        *self.gate.qd() == Vector6::zeros()
+            && self.sample.qd.iter().all(|v| v.abs() < AT_REST_RAD_PER_S)
     }
 
     fn take(&mut self, sample: Sample, now_s: f64) -> Result<(), LinkError> {

@@ -1,6 +1,7 @@
 //! The bridge against a small scripted controller that speaks through the codec's other side.
 
 mod bench;
+mod guided;
 mod hostile;
 
 use bench::{Cell, posture};

@@ -242,6 +242,8 @@ impl Cycle {
         if self.shared.stop_asked.swap(false, Ordering::AcqRel) {
             self.bridge.stop();
         }
+        let now_s = self.now_s(arrival);
+        self.shared.guide.serve(&mut self.bridge, now_s);
         self.bridge
             .set_wrong_model(self.shared.wrong_model.load(Ordering::Acquire));
         self.fill_state(arrival);

@@ -27,6 +27,8 @@ mod bridge_tests;
 pub mod codec;
 mod cycle;
 pub mod dashboard;
+mod guide_requests;
+pub mod guiding;
 pub mod inquiry;
 pub mod link;
 pub mod link_error;
@@ -61,7 +63,7 @@ use shared::Shared;
 
 pub use settings::{Config, SettingsError};
 
-/// Keys of the requests to this service; none takes an argument.
+/// Keys of the requests to this service; only `GUIDE` takes an argument.
 pub mod queries {
     /// Send the program again, even in place of another one, and leave a latched stop.
     pub const RESET: &str = "rtde/reset";
@@ -73,6 +75,9 @@ pub mod queries {
     pub const POWER_ON: &str = "rtde/power_on";
     /// Power off; the brakes close.
     pub const POWER_OFF: &str = "rtde/power_off";
+    /// Let a hand guide the arm: `begin`, `keep` and `end`, each with the name of the client that
+    /// guides as the argument.
+    pub const GUIDE: &str = "rtde/guide";
     /// Report the state of the robot.
     pub const STATUS: &str = "rtde/status";
 }
@@ -110,6 +115,7 @@ pub fn run(mut config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
     };
     let commands = bus.subscribe(&topics::ARM_COMMAND, COMMANDS_MAX)?;
     let _answers = modes::answers(&config, &bus, &shared)?;
+    let _guide = guide_requests::answers(&bus, &shared)?;
     let cycle = Cycle::new(
         Arc::clone(&config),
         Bridge::new(config.bridge.clone()),

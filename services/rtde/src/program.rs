@@ -8,7 +8,7 @@ use crate::codec::Series;
 const TEMPLATE: &str = include_str!("program.script");
 
 /// Version of the program's text and of the meaning of its registers; part of [`IDENT`].
-pub const PROGRAM_VERSION: i32 = 1;
+pub const PROGRAM_VERSION: i32 = 2;
 /// Value that the program writes into its identity register: `0x55520000` plus the version.
 pub const IDENT: i32 = 0x5552_0000 + PROGRAM_VERSION;
 /// The program's name on the controller, as in its `PROGRAM_XXX_STARTED` messages.
@@ -27,6 +27,8 @@ pub enum CommandCode {
     SoftStop = 2,
     /// Decelerate and end the program.
     Exit = 3,
+    /// Let a hand guide the arm (freedrive).
+    Guide = 4,
 }
 
 /// State of the program, output register int B+0.
@@ -43,6 +45,8 @@ pub enum ProgramState {
     Stopping,
     /// Stands still until it is re-armed.
     Stopped,
+    /// The arm is free: a hand guides it.
+    Guided,
     /// Ends.
     Exiting,
 }
@@ -56,6 +60,7 @@ impl ProgramState {
             2 => Self::Streaming,
             3 => Self::Stopping,
             4 => Self::Stopped,
+            5 => Self::Guided,
             9 => Self::Exiting,
             _ => return None,
         })
@@ -69,6 +74,7 @@ impl ProgramState {
             Self::Streaming => 2,
             Self::Stopping => 3,
             Self::Stopped => 4,
+            Self::Guided => 5,
             Self::Exiting => 9,
         }
     }

@@ -229,7 +229,8 @@ impl Robot {
         }
         match s.program_state {
             0 if self.fresh >= 3 && cmd == 0 => s.program_state = 1,
-            1 | 2 => match cmd {
+            1 | 2 | 5 => match cmd {
+                4 => s.program_state = 5,
                 1 => {
                     s.program_state = 2;
                     for (i, v) in s.qd_commanded.iter_mut().enumerate() {

@@ -354,6 +354,55 @@ fn queries_reach_the_robot() {
 }
 
 #[test]
+fn one_client_at_a_time_guides_the_arm() {
+    let controller = controller();
+    let service = service(&controller.config);
+    let guide = |action: &str, who: &str| {
+        let request = Request {
+            action: action.into(),
+            argument: who.into(),
+        };
+        let answer = service.bus.ask(queries::GUIDE, &request, PATIENCE).unwrap();
+        (answer.done, answer.message)
+    };
+    let ready = service.until("ready", |s| s.ready);
+    assert!(!guide("begin", "").0 && !guide("free", "teach/1").0);
+    let (done, words) = guide("keep", "teach/1");
+    assert!(!done && words.contains("ended on request"), "{words}");
+
+    assert!(guide("begin", "teach/1").0);
+    let free = service.until("free", |s| s.program_state == 5);
+    assert!(!free.ready && free.not_ready_reason.contains("a hand guides the arm"));
+    assert!(guide("keep", "teach/1").0);
+    let second = guide("begin", "teach/2");
+    assert_eq!(second, (false, "teach/1 guides the arm".into()));
+    // Nothing moves it meanwhile.
+    let task = service.controller(ready.activation_latched + 1);
+    let still = service.until("a latched task", |s| {
+        s.activation_latched > ready.activation_latched
+    });
+    assert!(still.qd_target.iter().all(|v| *v == 0.0));
+    drop(task);
+    assert!(guide("end", "anybody").0);
+    service.until("ready again", |s| s.ready);
+
+    let task = service.controller(ready.activation_latched + 2);
+    service.until("motion", |s| s.qd_target.first() == Some(&0.1));
+    let (done, words) = guide("begin", "teach/2");
+    assert!(!done && words.contains("a task uses the arm"), "{words}");
+    drop(task);
+    // Without a sign of life, it ends by itself.
+    service.until("ready", |s| s.ready && s.program_state == 1);
+    assert!(guide("begin", "teach/2").0);
+    service.until("free", |s| s.program_state == 5);
+    service.until("held again", |s| s.ready);
+    let (done, words) = guide("keep", "teach/2");
+    assert!(!done && words.contains("fell silent"), "{words}");
+    service.stop.trigger();
+    service.thread.join().unwrap().unwrap();
+}
+
+#[test]
 fn without_a_robot_it_waits_and_ends_at_once_on_a_stop() {
     let mut config = controller().config;
     config.rtde_port = 1;

@@ -9,6 +9,7 @@ use crossbeam_queue::ArrayQueue;
 use tangent_runtime::robot_loop::Notes;
 
 use crate::codec::{Series, TextMessage};
+use crate::guide_requests::GuideMailbox;
 
 /// Request to send the program to the robot.
 #[derive(Clone, Copy, Debug)]
@@ -24,6 +25,8 @@ pub(crate) struct Shared {
     pub reset_asked: AtomicBool,
     /// An operator has requested [`crate::bridge::Bridge::stop`].
     pub stop_asked: AtomicBool,
+    /// Requests to guide the arm.
+    pub guide: GuideMailbox,
     pub uploads: ArrayQueue<Upload>,
     pub notes: Notes<TextMessage>,
     /// Set-up thread, woken when there is an upload.
@@ -43,6 +46,7 @@ impl Shared {
         Self {
             reset_asked: AtomicBool::new(false),
             stop_asked: AtomicBool::new(false),
+            guide: GuideMailbox::default(),
             uploads: ArrayQueue::new(2),
             notes: Notes::default(),
             setup: OnceLock::new(),

@@ -80,6 +80,8 @@ pub enum Reason {
     },
     /// The arm is not the cell's model: anything computed from that model would be wrong.
     WrongModel,
+    /// A hand guides the arm.
+    Guided,
     /// A stop of `rtde` was requested.
     StopAsked,
     /// `rtde` is shutting down.
@@ -135,6 +137,10 @@ impl fmt::Display for Reason {
             Self::WrongModel => write!(
                 f,
                 "the robot is not the model that the cell file names: correct [robot] model or address"
+            ),
+            Self::Guided => write!(
+                f,
+                "a hand guides the arm (freedrive): end that before a task is started"
             ),
             Self::StopAsked => write!(f, "stop requested"),
             Self::ShuttingDown => write!(f, "rtde ends"),
@@ -415,7 +421,7 @@ impl Supervisor {
             return off(Reason::Runtime(sample.runtime_state));
         }
         match ProgramState::from_number(sample.program_state) {
-            Some(ProgramState::Ready | ProgramState::Streaming) => {}
+            Some(ProgramState::Ready | ProgramState::Streaming | ProgramState::Guided) => {}
             _ => {
                 return off(Reason::Stopped {
                     cause: sample.cause,

@@ -56,7 +56,7 @@ pub fn tangential(v: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
 
 /// The x and y axes of the path's plane, unit vectors: x is `x_axis` projected into the plane, y =
 /// normal × x.
-pub(crate) fn plane_axes(
+pub fn plane_axes(
     plane_normal: &Vector3<f64>,
     x_axis: &Vector3<f64>,
 ) -> (Vector3<f64>, Vector3<f64>) {

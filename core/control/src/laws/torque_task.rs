@@ -11,6 +11,7 @@ use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use tangent_mechanics::Joints;
 use tangent_schemas::CommandKind;
 
+use crate::joint_move::left_rad;
 use crate::law::{JointCommand, Law, LawInput, LawOutput, Start};
 use crate::leaving::clearance::{Clearance, LeaveConfig};
 use crate::leaving::departure::{Departure, Rules};
@@ -116,6 +117,17 @@ impl<C: TorqueConfig> TorqueTask<C> {
     /// Whether the task is paused and not moving off the surface.
     pub fn stands(&self) -> bool {
         self.paused && self.phase != Phase::Retract
+    }
+
+    /// Whether the task has just begun, and the arm does not stand in its start pose.
+    fn begins_away<const N: usize>(&self, q: &Joints<N>) -> bool {
+        let begins = self.phase.is_active() && self.elapsed_s == 0.0;
+        let Some(start) = self.program.task.start.as_ref().filter(|_| begins) else {
+            return false;
+        };
+        !start
+            .joints::<N>("start")
+            .is_ok_and(|target| left_rad(q, &target) <= start.tolerance_rad)
     }
 
     /// Counts the time of one period. No time limit runs while the task is paused.
@@ -321,6 +333,11 @@ impl<T: TorqueLaw<N>, const N: usize> Law<N> for T {
 
     fn step(&mut self, input: &LawInput<N>) -> LawOutput<N> {
         if self.torque_task().started {
+            if self.torque_task().begins_away(&input.q) {
+                let task = self.torque_task_mut();
+                task.fault = Some(Fault::StartAway);
+                task.enter(Phase::Fault);
+            }
             self.cycle(input)
         } else {
             LawOutput::idle(input, self.torque_task().departure.clearance)

@@ -53,6 +53,12 @@ pub enum Fault {
     ZeroOld,
     /// The untared reading exceeds the cell's limit.
     UntaredLimit,
+    /// The tool touched something on the way to the start pose or home.
+    TravelTouched,
+    /// The arm did not get to the start pose or home.
+    TravelBlocked,
+    /// The arm does not stand in the start pose, and the law does not move it there.
+    StartAway,
 }
 
 impl Fault {
@@ -135,6 +141,16 @@ impl Fault {
             }
             Self::UntaredLimit => {
                 "untared reading beyond limits.untared_force_max_n or untared_share_max"
+            }
+            Self::TravelTouched => {
+                "touched something on the way to the start or home (start.force_max_n): clear the way or guide the arm \
+                 around it, then start with --clear; if nothing was touched, calibrate the payload"
+            }
+            Self::TravelBlocked => {
+                "the arm does not get to the start or home: see arm/state, and the limits of the cell"
+            }
+            Self::StartAway => {
+                "the arm does not stand at start.joints_rad, and this law does not move it there: guide the arm there by hand"
             }
         }
     }

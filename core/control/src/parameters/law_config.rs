@@ -16,6 +16,9 @@ pub trait LawConfig: Clone + Send + 'static {
     /// Whether the law learns over repeated passes: `[learning]` of a task.
     const LEARNS: bool = false;
 
+    /// Whether the law moves the arm in joint space: to `[start]` and `[home]` of a task.
+    const TRAVELS: bool = false;
+
     /// Checks all parameters.
     ///
     /// # Errors

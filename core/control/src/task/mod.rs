@@ -6,6 +6,7 @@ pub mod path;
 pub mod preflight;
 pub mod profile;
 pub mod program;
+mod start;
 mod tolerances;
 
 use std::str::FromStr;
@@ -21,6 +22,7 @@ use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
 use crate::task::path::{PathSpec, Stay};
 
+pub use start::StartSpec;
 pub use tolerances::Tolerances;
 
 /// A task: keys as in `docs/tasks.md`. Unknown keys are errors.
@@ -86,6 +88,13 @@ pub struct Task {
     /// Learning over repeated passes over the same part; `None`: nothing is learnt.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub learning: Option<LearningSpec>,
+    /// Joint positions to which the arm travels before anything else; `None`: the task starts where
+    /// the arm stands.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start: Option<StartSpec>,
+    /// Joint positions to which the arm travels after a task that ended well in free space.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub home: Option<StartSpec>,
     /// Whether the task only moves a tool off a surface that it may touch. For a stop after a
     /// restart; not in files.
     #[serde(skip)]
@@ -113,6 +122,8 @@ impl Task {
             timeouts: TimeoutSpec::default(),
             tolerances: Tolerances::default(),
             learning: None,
+            start: None,
+            home: None,
             only_leaves: true,
         }
     }
@@ -428,6 +439,12 @@ impl Task {
         if let Some(learning) = &self.learning {
             learning.check()?;
         }
+        if let Some(start) = &self.start {
+            start.check("start")?;
+        }
+        if let Some(home) = &self.home {
+            home.check("home")?;
+        }
         self.path.check()
     }
 }
@@ -495,6 +512,16 @@ mod tests {
                 "name = \"line\"",
                 "name = \"line\"\ncontroller = \"magic\"",
                 "magic",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\nstart = { joints_rad = [0.0, 0.0] }",
+                "start.joints_rad",
+            ),
+            (
+                "name = \"line\"",
+                "name = \"line\"\nhome = { joints_rad = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0], speed_rad_per_s = 3.0 }",
+                "home.speed_rad_per_s",
             ),
         ] {
             let text = LINE.replacen(from, to, 1);

@@ -75,6 +75,13 @@ impl<C: LawConfig> Program<C> {
             }
             None => None,
         };
+        if task.home.is_some() && !C::TRAVELS {
+            return Err(ControlError::range(
+                "home",
+                "set",
+                "no `[home]` with a torque-controlled arm: its laws do not move it in joint space",
+            ));
+        }
         Ok(Self {
             task: task.clone(),
             config,
@@ -100,7 +107,11 @@ impl<C: LawConfig> Program<C> {
 impl Program {
     /// First phase of a task that starts with a free tool.
     pub(crate) fn first_phase(&self) -> Phase {
-        self.task.phase_when_free()
+        if self.task.start.is_some() && !self.task.only_leaves {
+            Phase::Travel
+        } else {
+            self.task.phase_when_free()
+        }
     }
 
     /// Checks the task and times its path. The task's own preset takes precedence over `config`.

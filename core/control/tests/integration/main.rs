@@ -8,3 +8,4 @@ mod controller;
 mod moving_base;
 mod pause;
 mod task_files;
+mod travel;

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use tangent_control::{ControllerConfig, EstimatorName, Program, Task};
+use tangent_control::{ControllerConfig, EstimatorName, LawConfig, Program, Task};
 use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics;
@@ -43,6 +43,7 @@ impl Normals {
                 config.flange_from_tool,
                 config.limits,
                 config.estimators.clone(),
+                ControllerConfig::TRAVELS,
             )?,
             estimates: Mutex::new(estimates),
         })

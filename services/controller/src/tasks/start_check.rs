@@ -29,11 +29,14 @@ pub struct StartCheck<const N: usize> {
     limits: Limits,
     /// Estimators that the cell file names.
     own_estimators: Vec<String>,
+    /// Whether the law moves the arm to a task's start pose.
+    travels: bool,
     seen: Mutex<Latest<ArmState>>,
 }
 
 impl<const N: usize> StartCheck<N> {
     /// Check for the cell's arm; `own_estimators` are known in addition to the built-in ones.
+    /// `travels`: the law moves the arm to a task's start pose.
     ///
     /// # Errors
     /// `arm/state` cannot be read.
@@ -43,12 +46,14 @@ impl<const N: usize> StartCheck<N> {
         flange_from_tool: Pose<Flange, Tool>,
         limits: Limits,
         own_estimators: Vec<String>,
+        travels: bool,
     ) -> Result<Self, BusError> {
         Ok(Self {
             arm,
             flange_from_tool,
             limits,
             own_estimators,
+            travels,
             seen: Mutex::new(bus.latest(&topics::ARM_STATE)?),
         })
     }
@@ -76,6 +81,7 @@ impl<const N: usize> StartCheck<N> {
             limits: &self.limits,
             arm: &self.arm,
             flange_from_tool: &self.flange_from_tool,
+            travels: self.travels,
         }
         .refusals(standing.as_ref());
         words(&refusals).map_or(Ok(()), |words| Err(TaskRefusal::Preflight(words)))

@@ -65,6 +65,7 @@ impl<C: ServedLaw, const N: usize> TorqueTasks<C, N> {
                 cell.flange_from_tool,
                 cell.limits,
                 cell.estimators.clone(),
+                C::TRAVELS,
             )?,
             bus: bus.clone(),
             cell,

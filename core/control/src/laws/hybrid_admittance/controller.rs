@@ -1,7 +1,7 @@
 //! The controller: phases, laws and guards composed into one step per robot cycle.
 
 use nalgebra::Vector3;
-use tangent_mechanics::{Arm, Flange, Pose, Tool, Twist};
+use tangent_mechanics::{Arm, Flange, Joints, Pose, Tool, Twist, manipulability};
 
 use super::config::ControllerConfig;
 use super::interface::{ControlInput, ControlOutput};
@@ -9,12 +9,14 @@ use super::joint_velocity::JointVelocity;
 use super::loop_delay::{DelaySample, LoopDelay, LoopDelayState};
 use super::motion::{Learning, ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
-use super::percept::Requests;
+use super::percept::{Percept, Requests};
 use super::run::Run;
+use super::travel::{Travel, TravelPoses};
 use crate::contact::alignment::alignment_error;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
+use crate::joint_move;
 use crate::learning::{EndedPass, Learner};
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
@@ -100,6 +102,8 @@ pub struct Controller<const N: usize = 6> {
     program: Option<Program>,
     /// The program's own, moved here while it runs.
     learner: Option<Box<Learner>>,
+    /// Start pose and home of the program.
+    poses: TravelPoses<N>,
     names: EstimatorNames,
     activation: u64,
     requests: Requests,
@@ -132,6 +136,7 @@ impl<const N: usize> Controller<N> {
             config,
             program: None,
             learner: None,
+            poses: TravelPoses::default(),
             names: EstimatorNames::new(),
             activation: 0,
             requests: Requests::default(),
@@ -168,6 +173,7 @@ impl<const N: usize> Controller<N> {
         if self.run.clearance == Clearance::Unknown {
             return Err(ControlError::MayTouch { moved_m: None });
         }
+        self.poses = TravelPoses::of(&program.task)?;
         self.activation = self.activation.max(latched).saturating_add(1);
         self.requests = Requests::default();
         self.run = Run::start(&program, self.run.clearance);
@@ -410,6 +416,9 @@ impl<const N: usize> Controller<N> {
             &self.moving_base,
             reference_n,
         );
+        if let Some(target) = self.poses.target(&self.run) {
+            self.run.travel.look(&input.q, target);
+        }
         self.run.decide(
             program,
             &self.config,
@@ -421,6 +430,10 @@ impl<const N: usize> Controller<N> {
         );
         if !self.run.phase.is_active() {
             return self.stand(input);
+        }
+        if let Some(target) = self.poses.target(&self.run) {
+            let target = *target;
+            return self.travel(input, &percept, &target);
         }
         let speed_factor = speed_target / self.speed_m_per_s * input.speed_scaling.clamp(0.0, 1.0);
         let sensing_s = input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s);
@@ -494,6 +507,43 @@ impl<const N: usize> Controller<N> {
             manipulability,
             alignment_error_rad: alignment_error(&percept.z_tool, &run.surface.normal),
             path_error_m: run.tracking.error_m(&percept.position, &run.surface.normal),
+            force_n: percept.force_n,
+            wrench: percept.wrench.map(|_| input.wrench),
+            ..self.report(input)
+        }
+    }
+
+    /// Moves the arm in joint space.
+    fn travel(
+        &mut self,
+        input: &ControlInput<N>,
+        percept: &Percept,
+        target: &Joints<N>,
+    ) -> ControlOutput<N> {
+        self.limiter.reset();
+        self.delay.interrupt();
+        let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
+        let spec = self.program.as_ref().and_then(|p| self.run.pose(&p.task));
+        let limits = spec.map(|spec| Travel::limits(spec, &self.arm, &self.limits));
+        let goes = !self.run.paused && percept.wrench.is_some();
+        let qd = limits.map_or_else(Joints::<N>::zeros, |limits| {
+            let target = goes.then_some(target);
+            joint_move::step(
+                &limits,
+                self.joints.last(),
+                &input.q,
+                target,
+                &jacobian,
+                input.dt_s,
+            )
+        });
+        self.joints.follow(&qd);
+        ControlOutput {
+            kind: CommandKind::JointVelocity,
+            qd,
+            acceleration: self.limits.joint_acceleration_max_rad_per_s2,
+            twist_commanded: Twist::from_vector(&(jacobian * qd)),
+            manipulability: manipulability(&jacobian),
             force_n: percept.force_n,
             wrench: percept.wrench.map(|_| input.wrench),
             ..self.report(input)

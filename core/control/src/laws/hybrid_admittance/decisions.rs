@@ -59,6 +59,9 @@ impl Run {
         if self.phase == Phase::Clear {
             return self.decide_clear(program, config, limits, requests, percept, input.dt_s);
         }
+        if self.phase == Phase::Travel {
+            return self.decide_travel(program, config, limits, requests, input, percept);
+        }
         if self.phase != Phase::Retract {
             if requests.stopping {
                 return self.leave(percept, None);
@@ -203,8 +206,13 @@ impl Run {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
             }
-            Phase::Retract => self.decide_retract(program, config, limits, input, percept),
-            Phase::Clear | Phase::Idle | Phase::Done | Phase::Fault => {}
+            Phase::Retract => {
+                self.decide_retract(program, config, limits, input, percept);
+                if task.home.is_some() && !requests.stopping {
+                    self.go_home(percept);
+                }
+            }
+            Phase::Clear | Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
     }
 

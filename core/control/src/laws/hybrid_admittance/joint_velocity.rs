@@ -73,6 +73,16 @@ impl<const N: usize> JointVelocity<N> {
         (self.last, manipulability(&jacobian))
     }
 
+    /// The last joint velocities, rad/s.
+    pub fn last(&self) -> &Joints<N> {
+        &self.last
+    }
+
+    /// Takes over joint velocities (rad/s) that were commanded without a twist.
+    pub fn follow(&mut self, qd: &Joints<N>) {
+        self.last = *qd;
+    }
+
     /// Slows every joint down as fast as allowed; returns true once all are at rest.
     pub fn slow_down(&mut self, limits: &Limits, dt_s: f64) -> (Joints<N>, bool) {
         let change = limits.joint_acceleration_max_rad_per_s2 * dt_s;

@@ -29,6 +29,7 @@ pub mod stiffness;
 pub mod surface;
 pub mod touchdown;
 mod tracking;
+mod travel;
 mod urgent;
 
 pub use config::{

@@ -134,7 +134,7 @@ pub(super) fn wanted_twist<const N: usize>(
             };
             Twist::new(along + normal * speed, align + ahead + turn)
         }
-        Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare => Twist::zero(),
+        Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare | Phase::Travel => Twist::zero(),
     }
 }
 

@@ -16,6 +16,7 @@ use super::percept::Percept;
 use super::surface::Surface;
 use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
+use super::travel::Travel;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
 use crate::limits::faults::Fault;
@@ -96,6 +97,8 @@ pub(crate) struct Run {
     pub renewed: bool,
     /// Whether the zero in force turned out to have been taken in contact.
     pub zero_withdrawn: bool,
+    /// The way in joint space to the start pose, or home.
+    pub travel: Travel,
 }
 
 impl Run {
@@ -142,6 +145,7 @@ impl Run {
             tared_at: None,
             renewed: false,
             zero_withdrawn: false,
+            travel: Travel::default(),
         }
     }
 
@@ -191,7 +195,8 @@ impl Run {
     /// Leaves the surface along the last good normal; ends at once if nothing has moved yet.
     pub(crate) fn leave(&mut self, percept: &Percept, fault: Option<Fault>) {
         self.fault = fault.or(self.fault);
-        if matches!(self.phase, Phase::Tare | Phase::Clear) && !self.touched {
+        let untouched = matches!(self.phase, Phase::Tare | Phase::Clear) && !self.touched;
+        if untouched || self.phase == Phase::Travel {
             let phase = if self.fault.is_some() {
                 Phase::Fault
             } else {

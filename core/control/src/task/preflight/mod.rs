@@ -6,6 +6,7 @@
 //! check`. Allocates; not for the robot's cycle.
 
 mod refusal;
+mod travel;
 
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_mechanics::{
@@ -47,6 +48,8 @@ pub struct Preflight<'a, const N: usize> {
     pub arm: &'a Arm<N>,
     /// Pose of the tool on the flange.
     pub flange_from_tool: &'a Pose<Flange, Tool>,
+    /// Whether the law moves the arm to the task's start pose.
+    pub travels: bool,
 }
 
 impl<const N: usize> Preflight<'_, N> {
@@ -58,7 +61,9 @@ impl<const N: usize> Preflight<'_, N> {
     /// of the three.
     pub fn refusals(&self, start: Option<&Joints<N>>) -> Vec<Refusal> {
         let mut found = self.numbers();
-        if let Some(q) = start {
+        let travel = self.travel(start);
+        found.extend(travel.refusals);
+        if let Some(q) = travel.start.as_ref().or(start) {
             found.extend(self.places(q));
         }
         found

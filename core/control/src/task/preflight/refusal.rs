@@ -138,6 +138,63 @@ pub enum Refusal {
         /// Angle between the approach and the tool's z axis, rad.
         angle_rad: f64,
     },
+    /// The start pose or home is not one of this arm.
+    #[error(
+        "`{table}.joints_rad` has {joints} numbers, and the arm has {arm} joints: teach it on this arm"
+    )]
+    StartJoints {
+        /// `start` or `home`.
+        table: &'static str,
+        /// Numbers given.
+        joints: usize,
+        /// Joints of the arm.
+        arm: usize,
+    },
+    /// The start pose or home is beyond a joint's end stop.
+    #[error(
+        "`{table}.joints_rad`: joint {joint} is {angle_rad:.3} rad, and {lower_rad:.3} to {upper_rad:.3} rad is allowed"
+    )]
+    StartEndStop {
+        /// `start` or `home`.
+        table: &'static str,
+        /// Number of the joint, from 1 at the base.
+        joint: usize,
+        /// Joint position given, rad.
+        angle_rad: f64,
+        /// Lower end stop with the safety margin, rad.
+        lower_rad: f64,
+        /// Upper end stop with the safety margin, rad.
+        upper_rad: f64,
+    },
+    /// The way in joint space leaves the workspace.
+    #[error(
+        "the way to `{table}.joints_rad` leaves the workspace after {:.0} % of it, at {} m in base axes: {edge}; guide the \
+         arm nearer to it by hand, or correct the limit",
+        share * 100.0, Metres(*in_base_m)
+    )]
+    WayOutside {
+        /// `start` or `home`.
+        table: &'static str,
+        /// First such place, as a share of the way, 0 to 1.
+        share: f64,
+        /// Tool's origin there, base axes, m.
+        in_base_m: [f64; 3],
+        /// Side of the workspace that is exceeded.
+        edge: Edge,
+    },
+    /// The arm does not stand in the start pose, and its law does not move it there.
+    #[error(
+        "the arm stands {away_rad:.3} rad away from `start.joints_rad` (joint {joint}), and `start.tolerance_rad` is \
+         {tolerance_rad} rad: this law does not move the arm in joint space; guide it there by hand"
+    )]
+    StartAway {
+        /// Number of the joint that is furthest away, from 1 at the base.
+        joint: usize,
+        /// Its distance, rad.
+        away_rad: f64,
+        /// Allowed distance, rad.
+        tolerance_rad: f64,
+    },
     /// The path leaves the workspace.
     #[error(
         "the path leaves the workspace {at}: {edge}; shorten the path, start elsewhere, or correct the limit"
@@ -199,6 +256,10 @@ impl Refusal {
             Self::Force { .. }
             | Self::Speed { .. }
             | Self::StartOutside { .. }
+            | Self::StartJoints { .. }
+            | Self::StartEndStop { .. }
+            | Self::WayOutside { .. }
+            | Self::StartAway { .. }
             | Self::ApproachBackwards { .. } => None,
         }
     }

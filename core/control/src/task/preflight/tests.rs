@@ -47,6 +47,7 @@ fn from<const N: usize>(model: &str, start: [f64; 3], limits: &Limits, task: &st
         limits,
         arm: &arm,
         flange_from_tool: &tool(),
+        travels: true,
     };
     preflight.refusals(Some(&q))
 }
@@ -240,4 +241,92 @@ proptest! {
             }
         }
     }
+}
+
+/// Refusals of a task with a start pose for an arm that stands with its tool at `standing`.
+fn to_start(
+    limits: &Limits,
+    law_travels: bool,
+    standing: [f64; 3],
+    start: &[f64],
+    more: &str,
+) -> Vec<Refusal> {
+    let arm = arm::<6>("ur5");
+    let q = inverse_kinematics(&arm, &tool(), &down(standing.into()), &arm.home()).unwrap();
+    let text = format!("{TASK}\n[start]\njoints_rad = {start:?}\n{more}");
+    let task: Task = text.parse().unwrap();
+    let path = Path::new(&task.path, 0.1, 1.0).unwrap();
+    let preflight = Preflight {
+        task: &task,
+        path: &path,
+        limits,
+        arm: &arm,
+        flange_from_tool: &tool(),
+        travels: law_travels,
+    };
+    preflight.refusals(Some(&q))
+}
+
+fn joints_at(place: [f64; 3]) -> Vec<f64> {
+    let arm = arm::<6>("ur5");
+    let q = inverse_kinematics(&arm, &tool(), &down(place.into()), &arm.home()).unwrap();
+    q.as_slice().to_vec()
+}
+
+#[test]
+fn the_path_is_checked_from_the_start_pose_and_not_from_where_the_arm_stands() {
+    let (inner, outer) = ([0.4, 0.0, 0.3], [0.45, 0.0, 0.3]);
+    let limits = Limits {
+        workspace_max_m: [0.52, 1.2, 1.5],
+        ..workspace()
+    };
+    // The path of 0.1 m along x leaves the workspace from the outer pose only.
+    let found = ur5(outer, &limits, TASK);
+    assert!(matches!(found[..], [Refusal::Outside { .. }]), "{found:?}");
+    assert_eq!(to_start(&limits, true, outer, &joints_at(inner), ""), []);
+    assert_eq!(to_start(&limits, true, inner, &joints_at(outer), ""), found);
+}
+
+#[test]
+fn a_start_beyond_an_end_stop_or_of_another_arm_is_refused_by_key() {
+    let mut bad = joints_at([0.4, 0.0, 0.3]);
+    bad[5] = 6.28;
+    let words = words(&to_start(&workspace(), true, [0.4, 0.0, 0.3], &bad, "")).unwrap();
+    for part in ["`start.joints_rad`", "joint 6 is 6.280 rad", "6.2"] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    let good = joints_at([0.4, 0.0, 0.3]);
+    let home = "[home]\njoints_rad = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]";
+    let words = super::words(&to_start(&workspace(), true, [0.4, 0.0, 0.3], &good, home)).unwrap();
+    assert!(words.contains("`home.joints_rad` has 7 numbers"), "{words}");
+}
+
+#[test]
+fn a_law_that_does_not_travel_refuses_a_start_that_is_away() {
+    let good = joints_at([0.4, 0.0, 0.3]);
+    assert_eq!(
+        to_start(&workspace(), false, [0.4, 0.0, 0.3], &good, ""),
+        []
+    );
+    let words = words(&to_start(&workspace(), false, [0.4, 0.02, 0.3], &good, "")).unwrap();
+    assert!(
+        words.contains("start.tolerance_rad") && words.contains("guide it there by hand"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_way_out_of_the_workspace_is_refused_with_its_place() {
+    // Half a turn of the base between the two: the way leads around, beside the workspace.
+    let mut start = joints_at([0.4, 0.0, 0.3]);
+    start[0] += if start[0] > 0.0 { -6.0 } else { 6.0 };
+    let limits = Limits {
+        workspace_min_m: [0.1, -1.2, -0.5],
+        ..workspace()
+    };
+    let found = to_start(&limits, true, [0.4, 0.0, 0.3], &start, "");
+    assert!(
+        matches!(found.first(), Some(Refusal::WayOutside { share, .. }) if *share > 0.0),
+        "{found:?}"
+    );
 }

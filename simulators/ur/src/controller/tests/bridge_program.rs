@@ -203,3 +203,31 @@ fn a_hung_program_is_caught_by_the_watchdog() {
     assert_eq!(rig.controller.safety(), SafetyMode::ProtectiveStop);
     assert!(rig.speed() < 1e-6);
 }
+
+#[test]
+fn a_hand_guides_the_arm_while_every_package_asks_for_it() {
+    for flavour in [Flavour::Cb3, Flavour::ESeries] {
+        let mut bridge = Bridge::armed(flavour);
+        let hand = [0.0, 10.0, 0.0, 0.0, 0.0, 0.0];
+        bridge.rig.controller.push(hand);
+        bridge.seconds(0.2, 0, 0.0);
+        assert!(bridge.rig.speed() < 1e-9);
+        bridge.seconds(0.3, 4, 0.0);
+        assert_eq!((bridge.state(), bridge.cause()), (5, 0));
+        assert!(bridge.rig.speed() > 0.02, "{flavour:?}");
+        // A velocity is not followed before the arm has held itself.
+        bridge.send(1, 0.5);
+        assert_eq!(bridge.state(), 1);
+        bridge.seconds(0.2, 0, 0.0);
+        assert!(bridge.rig.speed() < 1e-9, "{}", bridge.rig.speed());
+
+        // Silence ends it like any motion.
+        bridge.seconds(0.3, 4, 0.0);
+        assert!(bridge.rig.speed() > 0.02);
+        bridge.silence(0.2);
+        assert_eq!((bridge.state(), bridge.cause()), (4, 1));
+        assert!(bridge.rig.speed() < 1e-9);
+        assert_eq!(bridge.rig.controller.safety(), SafetyMode::Normal);
+        assert_eq!(bridge.rig.exceptions(), Vec::<&str>::new());
+    }
+}
