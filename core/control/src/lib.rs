@@ -51,10 +51,14 @@ pub use parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 pub use phase_machine::Phase;
 pub use state_interval::StateInterval;
 pub use tangent_schemas::CommandKind;
-pub use task::path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
+pub use task::path::{
+    Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, StrokeSpec, Strokes,
+    Waypoints,
+};
 pub use task::preflight;
 pub use task::profile::Profile;
 pub use task::program::{EstimatorName, EstimatorNames, Program};
+pub use task::region::{Pattern, Region};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, SwitchingSpec, Task, TimeoutSpec,
     Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,

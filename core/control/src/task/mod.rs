@@ -6,6 +6,7 @@ pub mod path;
 pub mod preflight;
 pub mod profile;
 pub mod program;
+pub mod region;
 mod tolerances;
 
 use std::str::FromStr;
