@@ -11,7 +11,7 @@
 //!             back by `seek`   clear <──────┐    contact <───┐ touch
 //!                                           │       │ settled│
 //!                                           │       v        │
-//!                                           ├──── slide ──> seek
+//!                                           ├──── slide ──> seek <── travel <── slide
 //!                                           │      ^ │       ^ contact lost
 //!                             input is back │      │ v       │
 //!                                           └───── hold ─────┘
@@ -51,11 +51,13 @@ pub enum Phase {
     Tare = 9,
     /// Moving away from possible contact, before the sensor's bias is measured.
     Clear = 10,
+    /// Moving above the surface, from one stroke of the path to the next.
+    Travel = 11,
 }
 
 impl Phase {
     /// All phases.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Idle,
         Self::Approach,
         Self::Contact,
@@ -67,6 +69,7 @@ impl Phase {
         Self::Seek,
         Self::Tare,
         Self::Clear,
+        Self::Travel,
     ];
 
     /// Phase from the number in `ControlState.phase`.
@@ -88,6 +91,7 @@ impl Phase {
             Self::Seek => "seek",
             Self::Tare => "tare",
             Self::Clear => "clear",
+            Self::Travel => "travel",
         }
     }
 

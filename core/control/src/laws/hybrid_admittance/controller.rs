@@ -11,6 +11,7 @@ use super::motion::{Learning, ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
 use super::percept::Requests;
 use super::run::Run;
+use super::surface_chart::SurfaceChart;
 use crate::contact::alignment::alignment_error;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
@@ -100,6 +101,8 @@ pub struct Controller<const N: usize = 6> {
     program: Option<Program>,
     /// The program's own, moved here while it runs.
     learner: Option<Box<Learner>>,
+    /// The program's own, moved here while it runs.
+    chart: Option<Box<SurfaceChart>>,
     names: EstimatorNames,
     activation: u64,
     requests: Requests,
@@ -132,6 +135,7 @@ impl<const N: usize> Controller<N> {
             config,
             program: None,
             learner: None,
+            chart: None,
             names: EstimatorNames::new(),
             activation: 0,
             requests: Requests::default(),
@@ -182,9 +186,11 @@ impl<const N: usize> Controller<N> {
             self.config.force.damping_n_s_per_m,
         ];
         let learner = std::mem::replace(&mut self.learner, program.learner.take());
+        let chart = std::mem::replace(&mut self.chart, program.chart.take());
         let mut before = self.program.replace(program);
         if let Some(before) = &mut before {
             before.learner = learner;
+            before.chart = chart;
         }
         Ok(before)
     }
@@ -400,7 +406,7 @@ impl<const N: usize> Controller<N> {
         (in_use.loop_delay_s, in_use.loop_delay_sd_s) = self
             .loop_delay
             .in_use_s(&self.delay, (setting.loop_delay_s, setting.loop_delay_sd_s));
-        let reference_n = self.targets[Parameter::ForceReference as usize];
+        let reference_n = self.reference_n(program);
         let speed_target = self.targets[Parameter::Speed as usize];
         let percept = self.run.perceive(
             program,
@@ -419,8 +425,15 @@ impl<const N: usize> Controller<N> {
             &placed,
             &percept,
         );
+        if self.run.awaits_route() {
+            let chart = self.chart.as_deref();
+            self.run.set_route(program, &self.config, chart, &percept);
+        }
         if !self.run.phase.is_active() {
             return self.stand(input);
+        }
+        if let Some(chart) = &mut self.chart {
+            self.run.record_surface(program, chart, &percept);
         }
         let speed_factor = speed_target / self.speed_m_per_s * input.speed_scaling.clamp(0.0, 1.0);
         let sensing_s = input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s);
@@ -468,7 +481,12 @@ impl<const N: usize> Controller<N> {
         );
         let moves_freely = matches!(
             self.run.phase,
-            Phase::Tare | Phase::Clear | Phase::Approach | Phase::Seek | Phase::Retract
+            Phase::Tare
+                | Phase::Clear
+                | Phase::Approach
+                | Phase::Seek
+                | Phase::Travel
+                | Phase::Retract
         );
         self.loop_delay.step(
             &mut self.delay,
@@ -497,6 +515,16 @@ impl<const N: usize> Controller<N> {
             force_n: percept.force_n,
             wrench: percept.wrench.map(|_| input.wrench),
             ..self.report(input)
+        }
+    }
+
+    /// Pressing force asked for at this place of the path, N. A stroke's own force is scaled as the
+    /// live parameter scales the task's.
+    fn reference_n(&self, program: &Program) -> f64 {
+        let target_n = self.targets[Parameter::ForceReference as usize];
+        match program.path.force_n(self.run.tracking.clock_s()) {
+            Some(force_n) => force_n * target_n / program.task.force.reference_n,
+            None => target_n,
         }
     }
 
@@ -546,7 +574,7 @@ impl<const N: usize> Controller<N> {
                 hold.normal
             },
             force_reference_n: if run.phase.is_pressing() {
-                self.targets[Parameter::ForceReference as usize]
+                self.reference_n(program)
             } else {
                 0.0
             },

@@ -182,6 +182,8 @@ impl Run {
                     Some(HoldReason::NoBase)
                 } else if requests.paused {
                     Some(HoldReason::Paused)
+                } else if self.tracking.at_lift(&program.path).is_some() {
+                    return self.take_off(percept);
                 } else if self.tracking.is_finished(&program.path) {
                     Some(HoldReason::PathEnd)
                 } else {
@@ -203,6 +205,7 @@ impl Run {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
             }
+            Phase::Travel => self.decide_travel(program, config, percept, dt),
             Phase::Retract => self.decide_retract(program, config, limits, input, percept),
             Phase::Clear | Phase::Idle | Phase::Done | Phase::Fault => {}
         }

@@ -27,8 +27,10 @@ mod run;
 mod senses;
 pub mod stiffness;
 pub mod surface;
-pub mod touchdown;
+pub(crate) mod surface_chart;
+mod touchdown;
 mod tracking;
+mod travel;
 mod urgent;
 
 pub use config::{

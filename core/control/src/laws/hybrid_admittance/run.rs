@@ -16,6 +16,7 @@ use super::percept::Percept;
 use super::surface::Surface;
 use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
+use super::travel::Travel;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
 use crate::limits::faults::Fault;
@@ -47,6 +48,7 @@ pub(crate) struct Run {
     pub choice: EstimatorChoice,
     pub surface: Surface,
     pub tracking: Tracking,
+    pub travel: Travel,
     pub force: ForceLaw,
     pub exploration: Exploration,
     pub in_contact: bool,
@@ -108,6 +110,7 @@ impl Run {
             choice: EstimatorChoice::default(),
             surface: Surface::new(Vector3::z()),
             tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
+            travel: Travel::idle(),
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
             in_contact: false,

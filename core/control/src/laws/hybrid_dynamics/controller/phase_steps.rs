@@ -66,7 +66,8 @@ impl<const N: usize> HybridDynamics<N> {
                 self.press(now, estimate, felt, dt)
             }
             Phase::Retract => self.retract(input, now, felt),
-            Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
+            // These laws do not lift off between strokes: a program with lifts is refused.
+            Phase::Idle | Phase::Done | Phase::Fault | Phase::Travel => self.hold(now),
         }
     }
 

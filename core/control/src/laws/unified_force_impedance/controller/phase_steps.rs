@@ -66,7 +66,8 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             Phase::Contact | Phase::Slide | Phase::Hold => self.press(now, normal, felt, dt),
             Phase::Seek => self.seek(now, normal, felt, dt),
             Phase::Retract => self.retract(now, felt, dt),
-            Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
+            // These laws do not lift off between strokes: a program with lifts is refused.
+            Phase::Idle | Phase::Done | Phase::Fault | Phase::Travel => self.hold(now),
         }
     }
 
