@@ -4,6 +4,7 @@
 //! `evaluate`.
 
 pub mod contact;
+pub mod coverage;
 mod error;
 mod estimator_choice;
 mod inputs;
@@ -19,6 +20,7 @@ mod task;
 mod verdict;
 
 pub use contact::energy_tank::{EnergyTank, EnergyTankState};
+pub use coverage::{Coverage, CoverageResult, CoverageSpec};
 pub use error::ControlError;
 pub use estimator_choice::list::EstimatorList;
 pub use estimator_choice::switching::{ChoiceRules, SwitchCause, SwitchRefusal};

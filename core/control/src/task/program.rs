@@ -3,6 +3,7 @@
 
 use arrayvec::{ArrayString, ArrayVec};
 
+use crate::coverage::Coverage;
 use crate::error::ControlError;
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
@@ -45,6 +46,8 @@ pub struct Program<C = ControllerConfig> {
     pub learner: Option<Box<Learner>>,
     /// Room for what the tool feels of the surface; `None` if it never lifts off.
     pub(crate) chart: Option<Box<SurfaceChart>>,
+    /// Dose over the region and the rounds; `None` without `[coverage]`.
+    pub(crate) coverage: Option<Box<Coverage>>,
 }
 
 impl<C: LawConfig> Program<C> {
@@ -56,7 +59,7 @@ impl<C: LawConfig> Program<C> {
         task.check()?;
         config.check()?;
         let (acceleration, jerk) = config.path_bounds();
-        let path = Path::new(&task.path, acceleration, jerk)?;
+        let mut path = Path::new(&task.path, acceleration, jerk)?;
         let mut estimators = EstimatorNames::new();
         for name in &task.estimators {
             estimators.push(
@@ -78,8 +81,10 @@ impl<C: LawConfig> Program<C> {
             }
             None => None,
         };
-        check_lifts::<C>(&path)?;
-        let chart = (path.lifts() > 0).then(|| Box::new(SurfaceChart::new(&path)));
+        check_lifts::<C>(task, &path)?;
+        let coverage = Coverage::new(task, &mut path, (acceleration, jerk))?.map(Box::new);
+        let chart =
+            (path.lifts() > 0 || coverage.is_some()).then(|| Box::new(SurfaceChart::new(&path)));
         Ok(Self {
             task: task.clone(),
             config,
@@ -87,6 +92,7 @@ impl<C: LawConfig> Program<C> {
             estimators,
             learner,
             chart,
+            coverage,
         })
     }
 
@@ -110,9 +116,16 @@ impl<C: LawConfig> Program<C> {
 }
 
 /// Refuses strokes that the law cannot do.
-fn check_lifts<C: LawConfig>(path: &Path) -> Result<(), ControlError> {
+fn check_lifts<C: LawConfig>(task: &Task, path: &Path) -> Result<(), ControlError> {
     if C::LIFTS {
         return Ok(());
+    }
+    if task.coverage.is_some() {
+        return Err(ControlError::range(
+            "coverage",
+            "asked for",
+            "no `[coverage]` with a torque-controlled arm: its laws do not lift off between rounds",
+        ));
     }
     if path.lifts() > 0 {
         return Err(ControlError::range(

@@ -13,6 +13,7 @@ use super::percept::Requests;
 use super::run::Run;
 use super::surface_chart::SurfaceChart;
 use crate::contact::alignment::alignment_error;
+use crate::coverage::{Coverage, CoverageResult};
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
@@ -103,6 +104,8 @@ pub struct Controller<const N: usize = 6> {
     learner: Option<Box<Learner>>,
     /// The program's own, moved here while it runs.
     chart: Option<Box<SurfaceChart>>,
+    /// The program's own, moved here while it runs.
+    coverage: Option<Box<Coverage>>,
     names: EstimatorNames,
     activation: u64,
     requests: Requests,
@@ -136,6 +139,7 @@ impl<const N: usize> Controller<N> {
             program: None,
             learner: None,
             chart: None,
+            coverage: None,
             names: EstimatorNames::new(),
             activation: 0,
             requests: Requests::default(),
@@ -187,10 +191,12 @@ impl<const N: usize> Controller<N> {
         ];
         let learner = std::mem::replace(&mut self.learner, program.learner.take());
         let chart = std::mem::replace(&mut self.chart, program.chart.take());
+        let coverage = std::mem::replace(&mut self.coverage, program.coverage.take());
         let mut before = self.program.replace(program);
         if let Some(before) = &mut before {
             before.learner = learner;
             before.chart = chart;
+            before.coverage = coverage;
         }
         Ok(before)
     }
@@ -205,6 +211,12 @@ impl<const N: usize> Controller<N> {
         let program = self.program.as_ref()?;
         let completed = self.run.fault.is_none() && self.run.tracking.is_finished(&program.path);
         Some((self.learner.take()?, completed))
+    }
+
+    /// Dose over the region of the running or last task, and its rounds so far; `None` without
+    /// `[coverage]`. Allocates: not for the robot's cycle.
+    pub fn coverage(&self) -> Option<CoverageResult> {
+        self.coverage.as_ref().map(|coverage| coverage.result())
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).
@@ -398,6 +410,9 @@ impl<const N: usize> Controller<N> {
         if self.run.phase.is_active() && !input.arm_ready {
             self.run.abort(Fault::ArmNotReady);
         }
+        if let (Some(coverage), Some(program)) = (&mut self.coverage, &mut self.program) {
+            self.run.next_round(coverage, &mut program.path);
+        }
         let (Some(program), true) = (&self.program, self.run.phase.is_active()) else {
             return self.stand(input);
         };
@@ -425,7 +440,8 @@ impl<const N: usize> Controller<N> {
             &placed,
             &percept,
         );
-        if self.run.awaits_route() {
+        let planning = self.coverage.as_ref().is_some_and(|c| c.is_planning());
+        if self.run.awaits_route() && !planning {
             let chart = self.chart.as_deref();
             self.run.set_route(program, &self.config, chart, &percept);
         }
@@ -434,6 +450,10 @@ impl<const N: usize> Controller<N> {
         }
         if let Some(chart) = &mut self.chart {
             self.run.record_surface(program, chart, &percept);
+        }
+        if let Some(coverage) = &mut self.coverage {
+            self.run
+                .record_dose(program, coverage, &percept, input.dt_s);
         }
         let speed_factor = speed_target / self.speed_m_per_s * input.speed_scaling.clamp(0.0, 1.0);
         let sensing_s = input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s);

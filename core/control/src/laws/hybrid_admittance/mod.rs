@@ -23,6 +23,7 @@ mod pace;
 mod percept;
 mod recoil;
 mod ringing;
+mod rounds;
 mod run;
 mod senses;
 pub mod stiffness;

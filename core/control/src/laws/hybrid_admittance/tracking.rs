@@ -56,6 +56,11 @@ impl Tracking {
     /// Sets the path's start: where the tool touched down.
     pub fn begin_at(&mut self, start: Vector3<f64>) {
         self.reference = start;
+        self.restart();
+    }
+
+    /// Begins another path at the reference.
+    pub(crate) fn restart(&mut self) {
         self.clock_s = 0.0;
         self.clock_rate = 0.0;
         self.lifts_done = 0;

@@ -224,14 +224,24 @@ impl Path {
 
     /// A path for `strokes` strokes of straight lines, which are added while the task runs.
     pub(crate) fn with_room(strokes: usize, rise: Rise) -> Self {
-        Self {
-            // A way to each stroke, and the stroke.
-            stretches: Vec::with_capacity(2 * strokes),
+        let mut path = Self {
+            stretches: Vec::new(),
             points: Vec::new(),
-            lifts: Vec::with_capacity(strokes),
+            lifts: Vec::new(),
             rise,
             duration_s: 0.0,
-        }
+        };
+        path.reserve(strokes);
+        path
+    }
+
+    /// Makes room for `strokes` strokes of straight lines: for each, a way to it and itself.
+    /// Allocates.
+    pub(crate) fn reserve(&mut self, strokes: usize) {
+        let room = |want: usize, have: usize| want.saturating_sub(have);
+        self.stretches
+            .reserve_exact(room(2 * strokes, self.stretches.len()));
+        self.lifts.reserve_exact(room(strokes, self.lifts.len()));
     }
 
     /// Removes all strokes and keeps the room.

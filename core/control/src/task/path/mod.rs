@@ -14,7 +14,7 @@ use nalgebra::Vector2;
 use crate::error::ControlError;
 use crate::task::profile::Profile;
 
-pub(crate) use lifts::{Lift, Rise};
+pub(crate) use lifts::{Lift, Rise, StrokeWay};
 pub use places::PathPlace;
 pub use spec::{Circle, Line, PathSpec, Raster, Stay, Waypoints};
 pub(crate) use spec::{PAUSE_S, SPEED_M_PER_S, check_point};

@@ -97,7 +97,8 @@ pub(super) fn run_admittance(
         fault,
         state_digest: closed_loop.digest.clone().finish(),
     };
-    let evaluation = Evaluation::of(end, &samples);
+    let mut evaluation = Evaluation::of(end, &samples);
+    evaluation.coverage = closed_loop.controller.coverage();
     (evaluation, samples)
 }
 
