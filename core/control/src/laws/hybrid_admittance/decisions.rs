@@ -20,6 +20,8 @@ use crate::task::program::Program;
 
 /// Longest time for which the path waits for an arm that does not follow, s.
 const STALLED_MAX_S: f64 = 5.0;
+/// Longest time for which the tool explores before it lifts off for the first stroke, s.
+const EXPLORED_MAX_S: f64 = 10.0;
 
 impl Run {
     /// Advances the phase machine.
@@ -183,7 +185,12 @@ impl Run {
                 } else if requests.paused {
                     Some(HoldReason::Paused)
                 } else if self.tracking.at_lift(&program.path).is_some() {
-                    return self.take_off(percept);
+                    // The normal is explored where the tool first touched, and not where the next
+                    // stroke begins.
+                    if !self.exploration.is_open() || waited_s > EXPLORED_MAX_S {
+                        self.take_off(percept);
+                    }
+                    return;
                 } else if self.tracking.is_finished(&program.path) {
                     Some(HoldReason::PathEnd)
                 } else {
