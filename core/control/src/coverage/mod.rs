@@ -116,6 +116,13 @@ impl Coverage {
         self.planner.is_some()
     }
 
+    /// Middle of each cell of the region in the path's plane, m, and its dose, N*s/cm².
+    pub fn cells(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
+        (0..self.grid.cells.len())
+            .filter(|&index| self.grid.cells[index].judged)
+            .map(|index| (self.grid.middle(index).into(), self.grid.dose(index)))
+    }
+
     /// The map as it is now. Allocates.
     pub fn result(&self) -> CoverageResult {
         CoverageResult::of(&self.grid, &self.rules, &self.shares)

@@ -13,7 +13,7 @@ use super::percept::Requests;
 use super::run::Run;
 use super::surface_chart::SurfaceChart;
 use crate::contact::alignment::alignment_error;
-use crate::coverage::{Coverage, CoverageResult};
+use crate::coverage::Coverage;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
@@ -214,9 +214,9 @@ impl<const N: usize> Controller<N> {
     }
 
     /// Dose over the region of the running or last task, and its rounds so far; `None` without
-    /// `[coverage]`. Allocates: not for the robot's cycle.
-    pub fn coverage(&self) -> Option<CoverageResult> {
-        self.coverage.as_ref().map(|coverage| coverage.result())
+    /// `[coverage]`.
+    pub fn coverage(&self) -> Option<&Coverage> {
+        self.coverage.as_deref()
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).

@@ -276,7 +276,10 @@ impl Run {
             return self.leave(percept, Some(Fault::ZeroInContact));
         }
         self.force.touch(config, force_n, speed_m_per_s);
-        self.exploration.offer();
+        // A tool that lands where the surface is known need not explore it.
+        if !std::mem::take(&mut self.travel.knows_landing) {
+            self.exploration.offer();
+        }
         self.off = false;
         if !self.touched {
             self.touched = true;

@@ -79,6 +79,8 @@ pub(crate) struct Travel {
     /// Where the present way off begins, m.
     from: Vector3<f64>,
     climbs: u32,
+    /// Whether the surface was felt near the landing.
+    pub knows_landing: bool,
 }
 
 impl Travel {
@@ -87,6 +89,7 @@ impl Travel {
             stage: Stage::Off,
             from: Vector3::zeros(),
             climbs: 0,
+            knows_landing: false,
         }
     }
 }
@@ -189,6 +192,7 @@ impl Run {
                 (from - from_normal * height + way, from_normal)
             }
         };
+        self.travel.knows_landing = felt.is_some();
         let to = lands + to_normal * rise.lift_m;
         let way_m = (to - from).norm();
         let turn_rad = angle_between(&from_normal, &to_normal);
