@@ -128,3 +128,6 @@ impl Coverage {
         CoverageResult::of(&self.grid, &self.rules, &self.shares)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -11,6 +11,8 @@ use nalgebra::Vector2;
 const ROUND_RAD: f64 = 0.12;
 /// Points of an offset that are nearer than this are one point, m.
 const SAME_M: f64 = 1e-5;
+/// Where a part of a way that is outside is compared with the edge.
+const OUTSIDE_SHARES: [f64; 9] = [0.5, 0.1, 0.9, 0.2, 0.8, 0.3, 0.7, 0.4, 0.6];
 
 /// Closed rings. A point is inside if a ray from it crosses the rings an odd number of times.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -93,12 +95,28 @@ impl Polygon {
 
     /// Whether the straight way between two points stays inside, or leaves by at most `over_m`.
     pub fn sees(&self, from: &Vector2<f64>, to: &Vector2<f64>, over_m: f64) -> bool {
-        let steps = ((to - from).norm() / (0.5 * over_m).max(5e-4))
-            .ceil()
-            .max(1.0) as usize;
-        (0..=steps).all(|step| {
-            let at = from + (to - from) * (step as f64 / steps as f64);
-            self.contains(&at) || self.edge_distance_m(&at) <= over_m
+        let way = to - from;
+        // Shares of the way at which it crosses an edge.
+        let mut cuts = vec![0.0, 1.0];
+        cuts.extend(self.edges().filter_map(|(a, b)| {
+            let edge = b - a;
+            let across = way.perp(&edge);
+            let (t, u) = (
+                (a - from).perp(&edge) / across,
+                (a - from).perp(&way) / across,
+            );
+            ((0.0..=1.0).contains(&t) && (0.0..=1.0).contains(&u)).then_some(t)
+        }));
+        cuts.sort_by(f64::total_cmp);
+        let at = |share: f64| from + way * share;
+        cuts.windows(2).all(|ends| {
+            let part = ends[1] - ends[0];
+            part * way.norm() <= 0.5 * over_m
+                || self.contains(&at(ends[0] + 0.5 * part))
+                || OUTSIDE_SHARES.iter().all(|share| {
+                    let point = at(ends[0] + share * part);
+                    self.contains(&point) || self.edge_distance_m(&point) <= over_m
+                })
         })
     }
 

@@ -1,3 +1,5 @@
+use proptest::prelude::*;
+
 use super::*;
 
 fn region(keys: &str) -> Region {
@@ -166,4 +168,77 @@ fn bad_regions_are_refused_with_key_value_and_what_is_allowed() {
             .to_string()
             .contains("at most 2000")
     );
+}
+
+/// A ring around `middle` whose corners have these distances from it.
+fn star(middle: [f64; 2], radii: &[f64]) -> Vec<[f64; 2]> {
+    let corner = |(k, r): (usize, &f64)| {
+        let angle = std::f64::consts::TAU * k as f64 / radii.len() as f64;
+        [middle[0] + r * angle.cos(), middle[1] + r * angle.sin()]
+    };
+    radii.iter().enumerate().map(corner).collect()
+}
+
+proptest! {
+    /// Whatever the polygon, its strokes keep the margin, and the ways that are not lifted stay
+    /// inside.
+    #[test]
+    fn strokes_stay_in_any_region(
+        outer in prop::collection::vec(0.03f64..0.15, 3..12),
+        inner in prop::collection::vec(0.003f64..0.014, 3..8),
+        pattern in 0..3_usize,
+        margin_m in 0.0f64..0.01,
+        spacing_m in 0.004f64..0.03,
+        angle_rad in -3.0f64..3.0,
+    ) {
+        let pattern = [Pattern::Raster, Pattern::Spiral, Pattern::Contour][pattern];
+        let region = Region {
+            outline_m: star([0.02, -0.01], &outer),
+            holes_m: vec![star([0.02, -0.01], &inner)],
+            pattern,
+            margin_m,
+            spacing_m,
+            angle_rad: if pattern == Pattern::Raster { angle_rad } else { 0.0 },
+            ..region(PLATE)
+        };
+        // Not every drawn star leaves something, or has its hole inside.
+        let Ok(strokes) = region.plan() else {
+            return Ok(());
+        };
+        let polygon = region.polygon();
+        let over_m = (OVER_SHARE * spacing_m).max(1e-4);
+        let keeps = |p: &Vector2<f64>, over_m: f64| {
+            let away = polygon.edge_distance_m(p);
+            if polygon.contains(p) { away > margin_m - over_m } else { margin_m < over_m && away < over_m }
+        };
+        let mut at: Option<Vector2<f64>> = None;
+        for stroke in &strokes {
+            prop_assert!(!stroke.points.is_empty());
+            for ends in stroke.points.windows(2) {
+                for k in 0..=10 {
+                    let p = ends[0] + (ends[1] - ends[0]) * (f64::from(k) / 10.0);
+                    // A chord of a rounded corner, or between points of a spiral.
+                    prop_assert!(keeps(&p, 2e-4 + 0.02 * margin_m), "{:?} {}", pattern, p);
+                }
+            }
+            if let (Some(at), false) = (at, stroke.lifts) {
+                for k in 0..=10 {
+                    let p = at + (stroke.points[0] - at) * (f64::from(k) / 10.0);
+                    prop_assert!(keeps(&p, over_m + 2e-4 + 0.02 * margin_m), "way {}", p);
+                }
+            }
+            at = stroke.points.last().copied();
+        }
+    }
+
+    /// Any text of numbers is a region or is refused.
+    #[test]
+    fn any_points_are_planned_or_refused(
+        outline_m in prop::collection::vec(prop::array::uniform2(-0.1f64..0.1), 0..9),
+        holes_m in prop::collection::vec(prop::collection::vec(prop::array::uniform2(-0.1f64..0.1), 0..5), 0..3),
+        margin_m in 0.0f64..0.02,
+    ) {
+        let region = Region { outline_m, holes_m, margin_m, ..region(PLATE) };
+        let _ = region.check();
+    }
 }
