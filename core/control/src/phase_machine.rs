@@ -11,7 +11,7 @@
 //!             back by `seek`   clear <──────┐    contact <───┐ touch
 //!                                           │       │ settled│
 //!                                           │       v        │
-//!                                           ├──── slide ──> seek <── travel <── slide
+//!                                           ├──── slide ──> seek <─── lift <─── slide
 //!                                           │      ^ │       ^ contact lost
 //!                             input is back │      │ v       │
 //!                                           └───── hold ─────┘
@@ -52,7 +52,7 @@ pub enum Phase {
     /// Moving away from possible contact, before the sensor's bias is measured.
     Clear = 10,
     /// Moving above the surface, from one stroke of the path to the next.
-    Travel = 11,
+    Lift = 12,
 }
 
 impl Phase {
@@ -69,7 +69,7 @@ impl Phase {
         Self::Seek,
         Self::Tare,
         Self::Clear,
-        Self::Travel,
+        Self::Lift,
     ];
 
     /// Phase from the number in `ControlState.phase`.
@@ -91,7 +91,7 @@ impl Phase {
             Self::Seek => "seek",
             Self::Tare => "tare",
             Self::Clear => "clear",
-            Self::Travel => "travel",
+            Self::Lift => "lift",
         }
     }
 

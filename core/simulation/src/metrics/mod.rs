@@ -317,7 +317,7 @@ fn meant_to_touch(span: &[CycleSample]) -> Vec<CycleSample> {
     let mut above = false;
     let mut meant = Vec::with_capacity(span.len());
     for sample in span {
-        above = sample.phase == Phase::Travel
+        above = sample.phase == Phase::Lift
             || above && sample.phase == Phase::Seek && !sample.touches();
         if !above {
             meant.push(*sample);

@@ -105,7 +105,7 @@ fn run(name: &str, scenario: &AdmittanceScenario) -> Run {
             let force_n = truth.wrench.force.dot(&truth.normal);
             run.force_max_n = run.force_max_n.max(force_n);
             // The contact releases at the beginning of a way off the surface.
-            off_s = if phase == Phase::Travel {
+            off_s = if phase == Phase::Lift {
                 off_s + dt
             } else {
                 0.0
@@ -274,7 +274,7 @@ fn every_stroke_has_its_force_and_its_speed_and_a_new_force_is_ramped() {
         // The ramp of the reference, and the force's own error.
         assert!(fastest_n_per_s < 40.0, "{name}: {fastest_n_per_s}");
         assert_eq!(
-            phases.iter().filter(|p| **p == Phase::Travel).count(),
+            phases.iter().filter(|p| **p == Phase::Lift).count(),
             1,
             "{name}"
         );
@@ -293,11 +293,11 @@ fn step_until(cell: &mut AdmittanceLoop, phase: Phase) {
 #[test]
 fn a_pause_above_the_surface_stands_still_and_a_stop_retracts() {
     let mut cell = AdmittanceLoop::new(&scenario("pipe_ideal", STROKES, &[])).unwrap();
-    step_until(&mut cell, Phase::Travel);
+    step_until(&mut cell, Phase::Lift);
     for _ in 0..200 {
         cell.step(&mut |_| ());
     }
-    assert_eq!(cell.controller().phase(), Phase::Travel);
+    assert_eq!(cell.controller().phase(), Phase::Lift);
     cell.controller().pause().unwrap();
     for k in 0..200 {
         let sample = cell.step(&mut |_| ());
@@ -308,7 +308,7 @@ fn a_pause_above_the_surface_stands_still_and_a_stop_retracts() {
     step_until(&mut cell, Phase::Done);
 
     let mut cell = AdmittanceLoop::new(&scenario("pipe_ideal", STROKES, &[])).unwrap();
-    step_until(&mut cell, Phase::Travel);
+    step_until(&mut cell, Phase::Lift);
     cell.controller().stop();
     step_until(&mut cell, Phase::Retract);
     step_until(&mut cell, Phase::Done);
@@ -340,8 +340,8 @@ points_m = [[0.06, 0.0], [0.08, 0.0]]
                 phase = c.output.phase;
                 fault = c.output.fault;
                 force_max_n = force_max_n.max(c.truth.wrench.force.norm());
-                let above = phase == Phase::Travel && !c.truth.in_contact;
-                if phase == Phase::Travel && c.truth.in_contact && above_s > 0.3 {
+                let above = phase == Phase::Lift && !c.truth.in_contact;
+                if phase == Phase::Lift && c.truth.in_contact && above_s > 0.3 {
                     climbs += 1;
                 }
                 above_s = if above { above_s + 0.008 } else { 0.0 };

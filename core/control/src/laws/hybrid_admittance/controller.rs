@@ -505,7 +505,7 @@ impl<const N: usize> Controller<N> {
                 | Phase::Clear
                 | Phase::Approach
                 | Phase::Seek
-                | Phase::Travel
+                | Phase::Lift
                 | Phase::Retract
         );
         self.loop_delay.step(

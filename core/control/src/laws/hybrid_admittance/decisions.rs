@@ -212,7 +212,7 @@ impl Run {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
             }
-            Phase::Travel => self.decide_travel(program, config, percept, dt),
+            Phase::Lift => self.decide_lift(program, config, percept, dt),
             Phase::Retract => self.decide_retract(program, config, limits, input, percept),
             Phase::Clear | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
@@ -277,7 +277,7 @@ impl Run {
         }
         self.force.touch(config, force_n, speed_m_per_s);
         // A tool that lands where the surface is known need not explore it.
-        if !std::mem::take(&mut self.travel.knows_landing) {
+        if !std::mem::take(&mut self.lift.knows_landing) {
             self.exploration.offer();
         }
         self.off = false;

@@ -15,6 +15,7 @@ pub mod force_law;
 mod interface;
 pub mod joint_velocity;
 mod leaving;
+mod lift;
 pub mod loop_delay;
 mod losses;
 mod motion;
@@ -31,7 +32,6 @@ pub mod surface;
 pub(crate) mod surface_chart;
 mod touchdown;
 mod tracking;
-mod travel;
 mod urgent;
 
 pub use config::{

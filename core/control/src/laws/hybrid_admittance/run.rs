@@ -10,13 +10,13 @@ use tangent_sensing::Validity;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
+use super::lift::Lifting;
 use super::losses::{Felt, Losses};
 use super::pace::Exploration;
 use super::percept::Percept;
 use super::surface::Surface;
 use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
-use super::travel::Travel;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
 use crate::limits::faults::Fault;
@@ -48,7 +48,7 @@ pub(crate) struct Run {
     pub choice: EstimatorChoice,
     pub surface: Surface,
     pub tracking: Tracking,
-    pub travel: Travel,
+    pub lift: Lifting,
     pub force: ForceLaw,
     pub exploration: Exploration,
     pub in_contact: bool,
@@ -110,7 +110,7 @@ impl Run {
             choice: EstimatorChoice::default(),
             surface: Surface::new(Vector3::z()),
             tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
-            travel: Travel::idle(),
+            lift: Lifting::idle(),
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
             in_contact: false,

@@ -67,7 +67,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             Phase::Seek => self.seek(now, normal, felt, dt),
             Phase::Retract => self.retract(now, felt, dt),
             // These laws do not lift off between strokes: a program with lifts is refused.
-            Phase::Idle | Phase::Done | Phase::Fault | Phase::Travel => self.hold(now),
+            Phase::Idle | Phase::Done | Phase::Fault | Phase::Lift => self.hold(now),
         }
     }
 

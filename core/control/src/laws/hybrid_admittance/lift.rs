@@ -2,7 +2,7 @@
 //! of the next stroke, and back by phase `seek`.
 //!
 //! The route bends away from the surface as far as the normals at its ends ask for. A touch on the
-//! way leads further off. Called by the phase machine and the motion of phase `travel`.
+//! way leads further off. Called by the phase machine and the motion of phase `lift`.
 
 use nalgebra::{UnitVector3, Vector3};
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
@@ -33,7 +33,7 @@ const SETTLE_MAX_S: f64 = 3.0;
 /// Touches on one way that lead further off; the next one ends the task.
 const CLIMBS_MAX: u32 = 3;
 
-/// Where a travel is.
+/// Where a lift is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Stage {
     /// Off the surface, along the normal.
@@ -72,9 +72,9 @@ impl Route {
     }
 }
 
-/// State of a travel. A new one is the reset.
+/// State of a lift. A new one is the reset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Travel {
+pub(crate) struct Lifting {
     pub stage: Stage,
     /// Where the present way off begins, m.
     from: Vector3<f64>,
@@ -83,7 +83,7 @@ pub(crate) struct Travel {
     pub knows_landing: bool,
 }
 
-impl Travel {
+impl Lifting {
     pub fn idle() -> Self {
         Self {
             stage: Stage::Off,
@@ -97,17 +97,17 @@ impl Travel {
 impl Run {
     /// Leaves the surface for the next stroke.
     pub(crate) fn take_off(&mut self, percept: &Percept) {
-        self.travel = Travel {
+        self.lift = Lifting {
             from: percept.position,
-            ..Travel::idle()
+            ..Lifting::idle()
         };
         self.tracking.freeze();
         self.force.rest();
-        self.enter(Phase::Travel, percept);
+        self.enter(Phase::Lift, percept);
     }
 
-    /// Phase `travel`.
-    pub(super) fn decide_travel(
+    /// Phase `lift`.
+    pub(super) fn decide_lift(
         &mut self,
         program: &Program,
         config: &ControllerConfig,
@@ -117,11 +117,11 @@ impl Run {
         let Some(wrench) = percept.wrench.filter(|_| !self.paused) else {
             return;
         };
-        match self.travel.stage {
+        match self.lift.stage {
             Stage::Off => {
                 let leave = &config.leave;
                 let normal = self.surface.normal;
-                let way_m = (percept.position - self.travel.from).dot(&normal);
+                let way_m = (percept.position - self.lift.from).dot(&normal);
                 let release_max_n = (2.0 * program.force_max_n()).max(10.0);
                 let force = &wrench.force;
                 let left = self
@@ -134,17 +134,17 @@ impl Run {
                 {
                     self.leave(percept, Some(Fault::NotClear));
                 } else if way_m >= program.path.rise().lift_m && !self.in_contact {
-                    self.travel.stage = Stage::Above;
+                    self.lift.stage = Stage::Above;
                 }
             }
             Stage::Above => {}
             Stage::Over(_) if self.in_contact => {
-                if self.travel.climbs >= CLIMBS_MAX {
+                if self.lift.climbs >= CLIMBS_MAX {
                     return self.leave(percept, Some(Fault::PathBlocked));
                 }
-                let climbs = self.travel.climbs + 1;
+                let climbs = self.lift.climbs + 1;
                 self.take_off(percept);
-                self.travel.climbs = climbs;
+                self.lift.climbs = climbs;
             }
             Stage::Over(route) => {
                 let late_s = route.time_s - route.profile.duration_s();
@@ -161,7 +161,7 @@ impl Run {
 
     /// Whether the tool is above the surface and waits for its route.
     pub(super) fn awaits_route(&self) -> bool {
-        self.phase == Phase::Travel && self.travel.stage == Stage::Above && !self.paused
+        self.phase == Phase::Lift && self.lift.stage == Stage::Above && !self.paused
     }
 
     /// Finds the way to the next stroke: from what was felt near its start, or else on the plane
@@ -188,11 +188,11 @@ impl Run {
             None => {
                 let here = self.tracking.in_plane(&program.path, &from, &from_normal);
                 let way = self.tracking.on_surface(lift.to - here, &from_normal);
-                let height = (from - self.travel.from).dot(&from_normal);
+                let height = (from - self.lift.from).dot(&from_normal);
                 (from - from_normal * height + way, from_normal)
             }
         };
-        self.travel.knows_landing = felt.is_some();
+        self.lift.knows_landing = felt.is_some();
         let to = lands + to_normal * rise.lift_m;
         let way_m = (to - from).norm();
         let turn_rad = angle_between(&from_normal, &to_normal);
@@ -207,12 +207,12 @@ impl Run {
         let length_m = way_m.max(1e-4);
         let speed = (rise.speed_m_per_s / length_m)
             .min(config.alignment.turn_rate_max_rad_per_s / turn_rad.max(1e-6));
-        self.travel.stage = Stage::Over(Route {
+        self.lift.stage = Stage::Over(Route {
             from,
             to,
             from_normal,
             to_normal,
-            bulge_m: arc_m + f64::from(self.travel.climbs) * rise.lift_m,
+            bulge_m: arc_m + f64::from(self.lift.climbs) * rise.lift_m,
             lands,
             // Over a share of the route, 0 to 1.
             profile: Profile::new(
@@ -242,8 +242,8 @@ impl Run {
         }
     }
 
-    /// Motion of phase `travel`.
-    pub(super) fn travel_twist(
+    /// Motion of phase `lift`.
+    pub(super) fn lift_twist(
         &mut self,
         config: &ControllerConfig,
         percept: &Percept,
@@ -258,7 +258,7 @@ impl Run {
                 config.alignment.turn_rate_max_rad_per_s,
             )
         };
-        match &mut self.travel.stage {
+        match &mut self.lift.stage {
             Stage::Off => {
                 let speed = config.leave.speed_m_per_s;
                 Twist::new(self.surface.normal * speed, Vector3::zeros())
