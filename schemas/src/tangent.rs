@@ -309,7 +309,7 @@ message! {
         pub header: Header,
         pub cycle: u64,
         /// 0 idle, 1 approach, 2 contact, 3 slide, 4 retract, 5 done, 6 fault, 7 hold, 8 seek, 9
-        /// tare, 10 clear, 11 travel.
+        /// tare, 10 clear, 11 travel, 12 lift.
         pub phase: u8,
         pub phase_text: Name,
         pub task: Name,

@@ -4,6 +4,7 @@
 //! `evaluate`.
 
 pub mod contact;
+pub mod coverage;
 mod error;
 mod estimator_choice;
 mod inputs;
@@ -20,6 +21,7 @@ mod task;
 mod verdict;
 
 pub use contact::energy_tank::{EnergyTank, EnergyTankState};
+pub use coverage::{Coverage, CoverageResult, CoverageSpec};
 pub use error::ControlError;
 pub use estimator_choice::list::EstimatorList;
 pub use estimator_choice::switching::{ChoiceRules, SwitchCause, SwitchRefusal};
@@ -52,10 +54,14 @@ pub use parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 pub use phase_machine::Phase;
 pub use state_interval::StateInterval;
 pub use tangent_schemas::CommandKind;
-pub use task::path::{Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, Waypoints};
+pub use task::path::{
+    Circle, Line, Path, PathPlace, PathPoint, PathSpec, Raster, Stay, StrokeSpec, Strokes,
+    Waypoints,
+};
 pub use task::preflight;
 pub use task::profile::Profile;
 pub use task::program::{EstimatorName, EstimatorNames, Program};
+pub use task::region::{Pattern, Region};
 pub use task::{
     ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, StartSpec, SwitchingSpec, Task,
     TimeoutSpec, Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,

@@ -11,7 +11,7 @@
 //!             back by `seek`   clear <──────┐    contact <───┐ touch
 //!                                           │       │ settled│
 //!                                           │       v        │
-//!                                           ├──── slide ──> seek
+//!                                           ├──── slide ──> seek <─── lift <─── slide
 //!                                           │      ^ │       ^ contact lost
 //!                             input is back │      │ v       │
 //!                                           └───── hold ─────┘
@@ -54,11 +54,13 @@ pub enum Phase {
     Clear = 10,
     /// Moving in joint space to the task's start pose, or home after it.
     Travel = 11,
+    /// Moving above the surface, from one stroke of the path to the next.
+    Lift = 12,
 }
 
 impl Phase {
     /// All phases.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Idle,
         Self::Approach,
         Self::Contact,
@@ -71,6 +73,7 @@ impl Phase {
         Self::Tare,
         Self::Clear,
         Self::Travel,
+        Self::Lift,
     ];
 
     /// Phase from the number in `ControlState.phase`.
@@ -93,6 +96,7 @@ impl Phase {
             Self::Tare => "tare",
             Self::Clear => "clear",
             Self::Travel => "travel",
+            Self::Lift => "lift",
         }
     }
 

@@ -1,7 +1,7 @@
 //! Result of a run of any system, as printed by `evaluate --json`.
 
 use serde::Serialize;
-use tangent_control::{Fault, Phase};
+use tangent_control::{CoverageResult, Fault, Phase};
 
 use crate::metrics::object::ObjectFigures;
 use crate::metrics::visuo_tactile::VisuoTactileFigures;
@@ -36,6 +36,8 @@ pub struct Evaluation {
     pub object_pose: Option<ObjectFigures>,
     /// Figures of scenarios of kind `visuo_tactile` only.
     pub tactile: Option<VisuoTactileFigures>,
+    /// Dose over the region, of tasks with `[coverage]` only.
+    pub coverage: Option<CoverageResult>,
     /// Always null here; only a live run has it.
     pub r#loop: Option<()>,
     /// Phase at the end.
@@ -88,6 +90,7 @@ impl Evaluation {
             figures: Figures::of(samples),
             object_pose: None,
             tactile: None,
+            coverage: None,
             r#loop: None,
             phase: samples.last().map_or(Phase::Idle, |s| s.phase).name(),
             fault: end.fault.map(|fault| fault.text()),

@@ -44,6 +44,7 @@ pub fn paused(phase: Phase) -> &'static str {
         Phase::Tare => "paused before the approach: the arm is at rest",
         Phase::Approach => "paused in the approach: the arm is at rest, not pressing",
         Phase::Seek => "paused without contact: the arm is at rest, not seeking the surface",
+        Phase::Lift => "paused above the surface: the arm is at rest, between two strokes",
         Phase::Contact => "paused after the touch: pressing, not sliding",
         _ => "paused: pressing, not sliding",
     }

@@ -15,6 +15,9 @@ use crate::error::ControlError;
 pub trait LawConfig: Clone + Send + 'static {
     /// Whether the law learns over repeated passes: `[learning]` of a task.
     const LEARNS: bool = false;
+    /// Whether the law lifts the tool off the surface between strokes, and presses with a force of
+    /// each stroke.
+    const LIFTS: bool = false;
 
     /// Whether the law moves the arm in joint space: to `[start]` and `[home]` of a task.
     const TRAVELS: bool = false;

@@ -6,6 +6,7 @@ pub mod path;
 pub mod preflight;
 pub mod profile;
 pub mod program;
+pub mod region;
 mod start;
 mod tolerances;
 
@@ -14,6 +15,7 @@ use std::str::FromStr;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use crate::coverage::CoverageSpec;
 use crate::error::{ControlError, check_range};
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
@@ -85,6 +87,9 @@ pub struct Task {
     /// What the result must keep for the part to be accepted, judged by the report.
     #[serde(default, skip_serializing_if = "Tolerances::is_empty")]
     pub tolerances: Tolerances,
+    /// Dose or passes that a region must get; `None`: the path is run once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<CoverageSpec>,
     /// Learning over repeated passes over the same part; `None`: nothing is learnt.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub learning: Option<LearningSpec>,
@@ -121,6 +126,7 @@ impl Task {
             end: EndSpec::default(),
             timeouts: TimeoutSpec::default(),
             tolerances: Tolerances::default(),
+            coverage: None,
             learning: None,
             start: None,
             home: None,
@@ -444,6 +450,9 @@ impl Task {
         }
         if let Some(home) = &self.home {
             home.check("home")?;
+        }
+        if let Some(coverage) = &self.coverage {
+            coverage.check(&self.path, self.learning.is_some())?;
         }
         self.path.check()
     }

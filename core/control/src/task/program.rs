@@ -3,9 +3,11 @@
 
 use arrayvec::{ArrayString, ArrayVec};
 
+use crate::coverage::Coverage;
 use crate::error::ControlError;
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
+use crate::laws::hybrid_admittance::surface_chart::SurfaceChart;
 use crate::learning::{Learner, Memory, MemoryError};
 use crate::parameters::law_config::LawConfig;
 use crate::parameters::presets::Presets;
@@ -42,6 +44,10 @@ pub struct Program<C = ControllerConfig> {
     pub estimators: EstimatorNames,
     /// What earlier passes learnt, and the record of this one; `None` if the task does not learn.
     pub learner: Option<Box<Learner>>,
+    /// Room for what the tool feels of the surface; `None` if it never lifts off.
+    pub(crate) chart: Option<Box<SurfaceChart>>,
+    /// Dose over the region and the rounds; `None` without `[coverage]`.
+    pub(crate) coverage: Option<Box<Coverage>>,
 }
 
 impl<C: LawConfig> Program<C> {
@@ -53,7 +59,7 @@ impl<C: LawConfig> Program<C> {
         task.check()?;
         config.check()?;
         let (acceleration, jerk) = config.path_bounds();
-        let path = Path::new(&task.path, acceleration, jerk)?;
+        let mut path = Path::new(&task.path, acceleration, jerk)?;
         let mut estimators = EstimatorNames::new();
         for name in &task.estimators {
             estimators.push(
@@ -82,13 +88,25 @@ impl<C: LawConfig> Program<C> {
                 "no `[home]` with a torque-controlled arm: its laws do not move it in joint space",
             ));
         }
+        check_lifts::<C>(task, &path)?;
+        let coverage = Coverage::new(task, &mut path, (acceleration, jerk))?.map(Box::new);
+        let chart =
+            (path.lifts() > 0 || coverage.is_some()).then(|| Box::new(SurfaceChart::new(&path)));
         Ok(Self {
             task: task.clone(),
             config,
             path,
             estimators,
             learner,
+            chart,
+            coverage,
         })
+    }
+
+    /// Highest pressing force that is asked for, N.
+    pub(crate) fn force_max_n(&self) -> f64 {
+        let task_n = self.task.force.reference_n;
+        self.path.force_max_n().map_or(task_n, |n| n.max(task_n))
     }
 
     /// Starts from what earlier passes learnt. No effect on a task that does not learn. Allocates.
@@ -102,6 +120,37 @@ impl<C: LawConfig> Program<C> {
         }
         Ok(())
     }
+}
+
+/// Refuses strokes that the law cannot do.
+fn check_lifts<C: LawConfig>(task: &Task, path: &Path) -> Result<(), ControlError> {
+    if C::LIFTS {
+        return Ok(());
+    }
+    if task.coverage.is_some() {
+        return Err(ControlError::range(
+            "coverage",
+            "asked for",
+            "no `[coverage]` with a torque-controlled arm: its laws do not lift off between rounds",
+        ));
+    }
+    if path.lifts() > 0 {
+        return Err(ControlError::range(
+            "path",
+            format!("a path for which the tool lifts off {} times", path.lifts()),
+            "a path without lifts with a torque-controlled arm: its laws do not lift off between \
+             strokes. Use one stroke, or a region without holes whose strokes are connected",
+        ));
+    }
+    if path.has_forces() {
+        return Err(ControlError::range(
+            "path.strokes",
+            "a list with `force_n`",
+            "strokes with the task's force with a torque-controlled arm: its laws press with one \
+             force",
+        ));
+    }
+    Ok(())
 }
 
 impl Program {
@@ -145,6 +194,30 @@ mod tests {
         assert!(
             error.contains("learning.part") && error.contains("\"lid\""),
             "{error}"
+        );
+    }
+
+    #[test]
+    fn laws_that_do_not_lift_off_refuse_strokes_apart() {
+        let text = "name = \"a\"\nforce.reference_n = 3.0\n[path]\nkind = \"strokes\"\n\
+                    speed_m_per_s = 0.02\n[[path.strokes]]\npoints_m = [[0.0, 0.0], [0.1, 0.0]]\n";
+        let refusal = |more: &str| {
+            let task: Task = format!("{text}{more}").parse().unwrap();
+            Program::new(&task, &ControllerConfig::default()).unwrap();
+            Program::with_config(&task, HybridDynamicsConfig::default())
+                .err()
+                .map(|error| error.to_string())
+        };
+        assert_eq!(refusal(""), None);
+        let apart = refusal("[[path.strokes]]\npoints_m = [[0.1, 0.1], [0.0, 0.1]]").unwrap();
+        assert!(
+            apart.contains("lifts off 1 times") && apart.contains("torque"),
+            "{apart}"
+        );
+        let forced = refusal("force_n = 4.0").unwrap();
+        assert!(
+            forced.contains("`force_n`") && forced.contains("torque"),
+            "{forced}"
         );
     }
 }

@@ -31,4 +31,17 @@ fn the_tasks_that_ship() {
     );
     let points = program(include_str!("../../../../deploy/tasks/waypoints.toml"));
     assert!(matches!(points.task.path, PathSpec::Waypoints(_)));
+    let strokes = program(include_str!("../../../../deploy/tasks/strokes.toml"));
+    assert_eq!(
+        (strokes.path.lifts(), strokes.path.force_max_n()),
+        (1, Some(6.0))
+    );
+    let region = program(include_str!("../../../../deploy/tasks/region.toml"));
+    // From the touch beside the region to its first row.
+    assert!(
+        (1..=3).contains(&region.path.lifts()),
+        "{}",
+        region.path.lifts()
+    );
+    assert_eq!(region.task.coverage.unwrap().rounds_max, 3);
 }

@@ -274,6 +274,7 @@ impl Figures {
         let ends = |s: &CycleSample| matches!(s.phase, Phase::Retract | Phase::Done);
         let end = from_first.iter().position(ends).unwrap_or(from_first.len());
         let span = &from_first[..end];
+        let meant_to_touch = meant_to_touch(span);
         let first_s = first.map(|i| samples[i].time_s);
         let settled_from = first_s.map_or(f64::INFINITY, |t| t + SETTLING_LEFT_OUT_S);
         let touching = || span.iter().filter(|s| s.touches());
@@ -295,9 +296,9 @@ impl Figures {
             alignment_error_deg: spread(&|s| Some(angle_deg(&s.estimate?.normal, &-s.tool_z))),
             tool_error_deg: spread(&|s| s.truth.map(|t| angle_deg(&t.normal, &-t.tool_z))),
             normal_nees_per_dof: mean(&nees),
-            force: force(samples, from_first, span, settled_from),
+            force: force(samples, from_first, &meant_to_touch, settled_from),
             path: path(span),
-            contact: contact(span, first_s),
+            contact: contact(&meant_to_touch, first_s),
             joints: JointFigures {
                 speed_peak_rad_per_s: samples
                     .iter()
@@ -308,6 +309,21 @@ impl Figures {
             tanks: tanks(samples),
         }
     }
+}
+
+/// The cycles in which the tool is meant to be on the surface: without its ways above the surface,
+/// from stroke to stroke, up to the touch at their end.
+fn meant_to_touch(span: &[CycleSample]) -> Vec<CycleSample> {
+    let mut above = false;
+    let mut meant = Vec::with_capacity(span.len());
+    for sample in span {
+        above = sample.phase == Phase::Lift
+            || above && sample.phase == Phase::Seek && !sample.touches();
+        if !above {
+            meant.push(*sample);
+        }
+    }
+    meant
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

@@ -10,6 +10,7 @@
 mod any_torque_input;
 mod any_world;
 mod covariance;
+mod coverage;
 mod dead_sensor;
 mod deaf_sensor;
 mod depth_normal;

@@ -79,6 +79,7 @@ fn phase_colour(phase: Phase) -> Option<RGBColor> {
         Phase::Tare => RGBColor(240, 240, 240),
         Phase::Clear => RGBColor(222, 238, 240),
         Phase::Travel => RGBColor(232, 226, 216),
+        Phase::Lift => RGBColor(214, 232, 226),
         Phase::Contact => RGBColor(253, 240, 214),
         Phase::Slide => RGBColor(228, 244, 229),
         Phase::Hold => RGBColor(247, 247, 219),
@@ -102,6 +103,7 @@ fn phase_meaning(phase: Phase) -> &'static str {
         Phase::Seek => "contact lost; moving towards the surface again",
         Phase::Tare => "at rest while the sensor's zero is measured",
         Phase::Travel => "moving in joint space to the start pose, or home",
+        Phase::Lift => "above the surface, on the way to the next stroke",
         Phase::Clear => "retracting before a tare, since the tool may be in contact",
     }
 }

@@ -11,8 +11,10 @@ use super::motion::{Learning, ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
 use super::percept::{Percept, Requests};
 use super::run::Run;
+use super::surface_chart::SurfaceChart;
 use super::travel::{Travel, TravelPoses};
 use crate::contact::alignment::alignment_error;
+use crate::coverage::Coverage;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
@@ -104,6 +106,10 @@ pub struct Controller<const N: usize = 6> {
     learner: Option<Box<Learner>>,
     /// Start pose and home of the program.
     poses: TravelPoses<N>,
+    /// The program's own, moved here while it runs.
+    chart: Option<Box<SurfaceChart>>,
+    /// The program's own, moved here while it runs.
+    coverage: Option<Box<Coverage>>,
     names: EstimatorNames,
     activation: u64,
     requests: Requests,
@@ -137,6 +143,8 @@ impl<const N: usize> Controller<N> {
             program: None,
             learner: None,
             poses: TravelPoses::default(),
+            chart: None,
+            coverage: None,
             names: EstimatorNames::new(),
             activation: 0,
             requests: Requests::default(),
@@ -188,9 +196,13 @@ impl<const N: usize> Controller<N> {
             self.config.force.damping_n_s_per_m,
         ];
         let learner = std::mem::replace(&mut self.learner, program.learner.take());
+        let chart = std::mem::replace(&mut self.chart, program.chart.take());
+        let coverage = std::mem::replace(&mut self.coverage, program.coverage.take());
         let mut before = self.program.replace(program);
         if let Some(before) = &mut before {
             before.learner = learner;
+            before.chart = chart;
+            before.coverage = coverage;
         }
         Ok(before)
     }
@@ -205,6 +217,12 @@ impl<const N: usize> Controller<N> {
         let completed = self.run.fault.is_none() && self.run.tracking.is_finished(&program.path);
         let learner = self.learner.take()?;
         Some(EndedPass { learner, completed })
+    }
+
+    /// Dose over the region of the running or last task, and its rounds so far; `None` without
+    /// `[coverage]`.
+    pub fn coverage(&self) -> Option<&Coverage> {
+        self.coverage.as_deref()
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).
@@ -398,6 +416,9 @@ impl<const N: usize> Controller<N> {
         if self.run.phase.is_active() && !input.arm_ready {
             self.run.abort(Fault::ArmNotReady);
         }
+        if let (Some(coverage), Some(program)) = (&mut self.coverage, &mut self.program) {
+            self.run.next_round(coverage, &mut program.path);
+        }
         let (Some(program), true) = (&self.program, self.run.phase.is_active()) else {
             return self.stand(input);
         };
@@ -406,7 +427,7 @@ impl<const N: usize> Controller<N> {
         (in_use.loop_delay_s, in_use.loop_delay_sd_s) = self
             .loop_delay
             .in_use_s(&self.delay, (setting.loop_delay_s, setting.loop_delay_sd_s));
-        let reference_n = self.targets[Parameter::ForceReference as usize];
+        let reference_n = self.reference_n(program);
         let speed_target = self.targets[Parameter::Speed as usize];
         let percept = self.run.perceive(
             program,
@@ -428,12 +449,24 @@ impl<const N: usize> Controller<N> {
             &placed,
             &percept,
         );
+        let planning = self.coverage.as_ref().is_some_and(|c| c.is_planning());
+        if self.run.awaits_route() && !planning {
+            let chart = self.chart.as_deref();
+            self.run.set_route(program, &self.config, chart, &percept);
+        }
         if !self.run.phase.is_active() {
             return self.stand(input);
         }
         if let Some(target) = self.poses.target(&self.run) {
             let target = *target;
             return self.travel(input, &percept, &target);
+        }
+        if let Some(chart) = &mut self.chart {
+            self.run.record_surface(program, chart, &percept);
+        }
+        if let Some(coverage) = &mut self.coverage {
+            self.run
+                .record_dose(program, coverage, &percept, input.dt_s);
         }
         let speed_factor = speed_target / self.speed_m_per_s * input.speed_scaling.clamp(0.0, 1.0);
         let sensing_s = input.wrench_delay_s + input.wrench_age_s.clamp(0.0, input.dt_s);
@@ -481,7 +514,12 @@ impl<const N: usize> Controller<N> {
         );
         let moves_freely = matches!(
             self.run.phase,
-            Phase::Tare | Phase::Clear | Phase::Approach | Phase::Seek | Phase::Retract
+            Phase::Tare
+                | Phase::Clear
+                | Phase::Approach
+                | Phase::Seek
+                | Phase::Lift
+                | Phase::Retract
         );
         self.loop_delay.step(
             &mut self.delay,
@@ -550,6 +588,16 @@ impl<const N: usize> Controller<N> {
         }
     }
 
+    /// Pressing force asked for at this place of the path, N. A stroke's own force is scaled as the
+    /// live parameter scales the task's.
+    fn reference_n(&self, program: &Program) -> f64 {
+        let target_n = self.targets[Parameter::ForceReference as usize];
+        match program.path.force_n(self.run.tracking.clock_s()) {
+            Some(force_n) => force_n * target_n / program.task.force.reference_n,
+            None => target_n,
+        }
+    }
+
     /// No task moves the arm: any remaining motion slows down, then no motion is commanded.
     fn stand(&mut self, input: &ControlInput<N>) -> ControlOutput<N> {
         self.limiter.reset();
@@ -596,7 +644,7 @@ impl<const N: usize> Controller<N> {
                 hold.normal
             },
             force_reference_n: if run.phase.is_pressing() {
-                self.targets[Parameter::ForceReference as usize]
+                self.reference_n(program)
             } else {
                 0.0
             },

@@ -20,6 +20,8 @@ use crate::task::program::Program;
 
 /// Longest time for which the path waits for an arm that does not follow, s.
 const STALLED_MAX_S: f64 = 5.0;
+/// Longest time for which the tool explores before it lifts off for the first stroke, s.
+const EXPLORED_MAX_S: f64 = 10.0;
 
 impl Run {
     /// Advances the phase machine.
@@ -185,6 +187,13 @@ impl Run {
                     Some(HoldReason::NoBase)
                 } else if requests.paused {
                     Some(HoldReason::Paused)
+                } else if self.tracking.at_lift(&program.path).is_some() {
+                    // The normal is explored where the tool first touched, and not where the next
+                    // stroke begins.
+                    if !self.exploration.is_open() || waited_s > EXPLORED_MAX_S {
+                        self.take_off(percept);
+                    }
+                    return;
                 } else if self.tracking.is_finished(&program.path) {
                     Some(HoldReason::PathEnd)
                 } else {
@@ -212,6 +221,7 @@ impl Run {
                     self.go_home(percept);
                 }
             }
+            Phase::Lift => self.decide_lift(program, config, percept, dt),
             Phase::Clear | Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
     }
@@ -274,7 +284,10 @@ impl Run {
             return self.leave(percept, Some(Fault::ZeroInContact));
         }
         self.force.touch(config, force_n, speed_m_per_s);
-        self.exploration.offer();
+        // A tool that lands where the surface is known need not explore it.
+        if !std::mem::take(&mut self.lift.knows_landing) {
+            self.exploration.offer();
+        }
         self.off = false;
         if !self.touched {
             self.touched = true;

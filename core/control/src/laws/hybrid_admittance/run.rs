@@ -10,6 +10,7 @@ use tangent_sensing::Validity;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
+use super::lift::Lifting;
 use super::losses::{Felt, Losses};
 use super::pace::Exploration;
 use super::percept::Percept;
@@ -48,6 +49,7 @@ pub(crate) struct Run {
     pub choice: EstimatorChoice,
     pub surface: Surface,
     pub tracking: Tracking,
+    pub lift: Lifting,
     pub force: ForceLaw,
     pub exploration: Exploration,
     pub in_contact: bool,
@@ -111,6 +113,7 @@ impl Run {
             choice: EstimatorChoice::default(),
             surface: Surface::new(Vector3::z()),
             tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
+            lift: Lifting::idle(),
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
             in_contact: false,

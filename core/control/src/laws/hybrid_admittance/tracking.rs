@@ -12,7 +12,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::config::PathConfig;
 use crate::contact::alignment::{plane_axes, tangential};
 use crate::limits::clamp_norm;
-use crate::task::path::Path;
+use crate::task::path::{Lift, Path};
 
 /// Time ahead on the path's own clock at which its direction is taken, s: before a corner the path
 /// slows down for the direction after it.
@@ -27,6 +27,10 @@ pub struct Tracking {
     clock_s: f64,
     clock_rate: f64,
     waiting: bool,
+    /// Number of lifts behind the tool.
+    lifts_done: usize,
+    /// Displacement of the reference from the path, in the path's plane, m.
+    aside: Vector2<f64>,
     /// Reference position of the tool on the path, base axes, m.
     pub reference: Vector3<f64>,
 }
@@ -43,6 +47,8 @@ impl Tracking {
             clock_s: 0.0,
             clock_rate: 0.0,
             waiting: false,
+            lifts_done: 0,
+            aside: Vector2::zeros(),
             reference: start,
         }
     }
@@ -50,8 +56,53 @@ impl Tracking {
     /// Sets the path's start: where the tool touched down.
     pub fn begin_at(&mut self, start: Vector3<f64>) {
         self.reference = start;
+        self.restart();
+    }
+
+    /// Begins another path at the reference.
+    pub(crate) fn restart(&mut self) {
         self.clock_s = 0.0;
         self.clock_rate = 0.0;
+        self.lifts_done = 0;
+        self.aside = Vector2::zeros();
+    }
+
+    /// Time on the path's own clock, s.
+    pub(crate) fn clock_s(&self) -> f64 {
+        self.clock_s
+    }
+
+    /// The lift that is due: the tool is at the end of a stroke.
+    pub(crate) fn at_lift<'a>(&self, path: &'a Path) -> Option<&'a Lift> {
+        let lift = path.lift(self.lifts_done)?;
+        (self.clock_s >= lift.start_s).then_some(lift)
+    }
+
+    /// Goes on at the end of the lift that is due, with the reference at `start` (m).
+    pub(crate) fn land(&mut self, path: &Path, start: Vector3<f64>) {
+        if let Some(lift) = path.lift(self.lifts_done) {
+            self.clock_s = lift.end_s;
+            self.lifts_done += 1;
+        }
+        self.clock_rate = 0.0;
+        self.reference = start;
+        self.aside = Vector2::zeros();
+    }
+
+    /// Point of the path's plane for a tool at `position`, m.
+    pub(crate) fn in_plane(
+        &self,
+        path: &Path,
+        position: &Vector3<f64>,
+        normal: &Vector3<f64>,
+    ) -> Vector2<f64> {
+        let off = tangential(&(position - self.reference), normal);
+        let flat = match UnitQuaternion::rotation_between(normal, &self.plane_normal) {
+            Some(rotation) => rotation * off,
+            None => Vector3::zeros(),
+        };
+        let off = Vector2::new(flat.dot(&self.x_axis), flat.dot(&self.y_axis));
+        path.at(self.clock_s).position + self.aside + off
     }
 
     /// Stops the clock at once, after a loss of contact.
@@ -78,7 +129,8 @@ impl Tracking {
         let step = dt_s / config.clock_ramp_s;
         self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
         let before = path.at(self.clock_s).position;
-        self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s).min(path.duration_s());
+        self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s)
+            .min(path.slides_until_s(self.lifts_done));
         self.moved_by(
             config,
             path.at(self.clock_s).position - before,
@@ -100,6 +152,7 @@ impl Tracking {
         dt_s: f64,
     ) -> Vector3<f64> {
         self.clock_rate = 0.0;
+        self.aside += in_plane;
         let error = tangential(&(self.reference - position), normal);
         self.moved_by(config, in_plane, position, error, normal, dt_s)
     }
@@ -108,7 +161,7 @@ impl Tracking {
     /// `None` where it stands.
     pub fn direction(&self, path: &Path, normal: &Vector3<f64>) -> Option<Vector3<f64>> {
         let ahead = path
-            .at((self.clock_s + AHEAD_S).min(path.duration_s()))
+            .at((self.clock_s + AHEAD_S).min(path.slides_until_s(self.lifts_done)))
             .position;
         self.on_surface(ahead - path.at(self.clock_s).position, normal)
             .try_normalize(1e-9)
@@ -129,7 +182,7 @@ impl Tracking {
     }
 
     /// Rotates a vector of the plane into the tangent plane of `normal`; base axes.
-    fn on_surface(&self, in_plane: Vector2<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn on_surface(&self, in_plane: Vector2<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let flat = self.x_axis * in_plane.x + self.y_axis * in_plane.y;
         match UnitQuaternion::rotation_between(&self.plane_normal, normal) {
             Some(rotation) => rotation * flat,

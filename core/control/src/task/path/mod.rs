@@ -3,16 +3,23 @@
 //! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y.
 //! The controller maps the plane to the surface: see `tracking`.
 
+mod chain;
+mod lifts;
 mod places;
 mod spec;
+mod strokes;
 
 use nalgebra::Vector2;
 
 use crate::error::ControlError;
 use crate::task::profile::Profile;
 
+pub(crate) use lifts::{Lift, Rise, StrokeWay};
 pub use places::PathPlace;
 pub use spec::{Circle, Line, PathSpec, Raster, Stay, Waypoints};
+pub(crate) use spec::{PAUSE_S, SPEED_M_PER_S, check_point};
+pub(crate) use strokes::{LIFT_M, default_lift, default_travel};
+pub use strokes::{StrokeSpec, Strokes};
 
 #[derive(Clone, Copy, Debug)]
 enum Shape {
@@ -32,6 +39,8 @@ enum Shape {
         turn_rate: f64,
         advance: f64,
     },
+    /// Points of the path from `first`, passed without a stop.
+    Chain { first: usize, count: usize },
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +48,8 @@ struct Stretch {
     start_s: f64,
     shape: Shape,
     profile: Profile,
+    /// Pressing force, N; `None`: the task's.
+    force_n: Option<f64>,
 }
 
 /// A path with its time law; made once, then read every cycle.
@@ -60,6 +71,10 @@ struct Stretch {
 #[derive(Clone, Debug)]
 pub struct Path {
     stretches: Vec<Stretch>,
+    /// Points of chains, and the way to each from the first of its chain, m.
+    points: Vec<(Vector2<f64>, f64)>,
+    lifts: Vec<Lift>,
+    rise: Rise,
     duration_s: f64,
 }
 
@@ -82,6 +97,9 @@ impl Path {
         spec.check()?;
         let mut path = Self {
             stretches: Vec::new(),
+            points: Vec::new(),
+            lifts: Vec::new(),
+            rise: Rise::default(),
             duration_s: 0.0,
         };
         let bounds = (acceleration_m_per_s2, jerk_m_per_s3);
@@ -136,6 +154,8 @@ impl Path {
                 );
             }
             PathSpec::Stay(s) => path.duration_s = s.duration_s,
+            PathSpec::Strokes(s) => path.strokes(s, bounds),
+            PathSpec::Region(r) => path.region(r, bounds)?,
         }
         Ok(path)
     }
@@ -192,6 +212,7 @@ impl Path {
             start_s: self.duration_s,
             shape,
             profile,
+            force_n: None,
         });
         self.duration_s += profile.duration_s();
     }
@@ -231,7 +252,7 @@ impl Path {
             };
         };
         let (distance, speed) = stretch.profile.at(time_s - stretch.start_s);
-        stretch.shape.at(distance, speed)
+        stretch.shape.at(&self.points, distance, speed)
     }
 }
 
@@ -239,7 +260,7 @@ impl Shape {
     /// Metres of path per unit of the profile's length.
     fn metres_per_unit(&self) -> f64 {
         match *self {
-            Self::Straight { .. } | Self::Arc { .. } => 1.0,
+            Self::Straight { .. } | Self::Arc { .. } | Self::Chain { .. } => 1.0,
             Self::Loops {
                 radius,
                 turn_rate,
@@ -248,9 +269,12 @@ impl Shape {
         }
     }
 
-    /// `distance` and `speed` are those of the stretch's profile.
-    fn at(&self, distance: f64, speed: f64) -> PathPoint {
+    /// `distance` and `speed` are those of the stretch's profile, `points` those of the path.
+    fn at(&self, points: &[(Vector2<f64>, f64)], distance: f64, speed: f64) -> PathPoint {
         match *self {
+            Self::Chain { first, count } => {
+                chain::at(&points[first..first + count], distance, speed)
+            }
             Self::Straight { from, direction } => PathPoint {
                 position: from + direction * distance,
                 velocity: direction * speed,

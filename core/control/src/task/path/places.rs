@@ -38,7 +38,9 @@ impl Path {
         for (shape, end) in ends {
             let steps = (shape.way_max_m(end) / spacing_m).ceil().max(1.0) as usize;
             for step in 1..=steps {
-                let position = shape.at(end * step as f64 / steps as f64, 0.0).position;
+                let position = shape
+                    .at(&self.points, end * step as f64 / steps as f64, 0.0)
+                    .position;
                 last = PathPlace {
                     way_m: last.way_m + (position - last.position).norm(),
                     position,
@@ -54,7 +56,7 @@ impl Shape {
     /// Upper bound of the path length from the start to `end` on the profile, m.
     fn way_max_m(&self, end: f64) -> f64 {
         match self {
-            Self::Straight { .. } | Self::Arc { .. } => end,
+            Self::Straight { .. } | Self::Arc { .. } | Self::Chain { .. } => end,
             Self::Loops {
                 radius,
                 turn_rate,

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::strokes::Strokes;
 use crate::error::{ControlError, check_range};
+use crate::task::region::Region;
 
 /// A path specified in a task file, chosen by `kind`.
 ///
@@ -34,6 +36,10 @@ pub enum PathSpec {
     Loops(Loops),
     /// Stay at the touchdown point.
     Stay(Stay),
+    /// Strokes with a force and a speed each, and lifts between them.
+    Strokes(Strokes),
+    /// A polygon with holes, filled with strokes.
+    Region(Region),
 }
 
 /// Back and forth in x, stepping in y. The paper's path: 0.02 m/s, 10 s (0.2 m) per axis, with
@@ -135,14 +141,17 @@ fn one_stroke() -> u32 {
     1
 }
 
-const SPEED: (f64, f64) = (0.001, 0.25);
+/// Lowest and highest speed of a path, m/s.
+pub(crate) const SPEED_M_PER_S: (f64, f64) = (0.001, 0.25);
+/// Shortest and longest pause, s.
+pub(crate) const PAUSE_S: (f64, f64) = (0.0, 60.0);
 const REACH: f64 = 2.0;
 
 impl PathSpec {
     /// Checks that every number is in its range.
     pub fn check(&self) -> Result<(), ControlError> {
-        let speed = |v| check_range("path.speed_m_per_s", v, SPEED.0, SPEED.1);
-        let pause = |v| check_range("path.pause_s", v, 0.0, 60.0);
+        let speed = |v| check_range("path.speed_m_per_s", v, SPEED_M_PER_S.0, SPEED_M_PER_S.1);
+        let pause = |v| check_range("path.pause_s", v, PAUSE_S.0, PAUSE_S.1);
         match self {
             Self::Raster(r) => {
                 check_range("path.length_m", r.length_m, 0.001, REACH)?;
@@ -188,15 +197,27 @@ impl PathSpec {
                     -20.0,
                     20.0,
                 )?;
-                check_range("path.advance_m_per_s", l.advance_m_per_s, -SPEED.1, SPEED.1)?;
+                check_range(
+                    "path.advance_m_per_s",
+                    l.advance_m_per_s,
+                    -SPEED_M_PER_S.1,
+                    SPEED_M_PER_S.1,
+                )?;
                 check_range("path.duration_s", l.duration_s, 0.1, 86_400.0)?;
-                check_range("path: r w + v, m/s", l.speed(), SPEED.0, SPEED.1)
+                check_range(
+                    "path: r w + v, m/s",
+                    l.speed(),
+                    SPEED_M_PER_S.0,
+                    SPEED_M_PER_S.1,
+                )
             }
             Self::Stay(s) => check_range("path.duration_s", s.duration_s, 0.0, 86_400.0),
+            Self::Strokes(s) => s.check(),
+            Self::Region(r) => r.check(),
         }
     }
 
-    /// Specified speed, m/s.
+    /// Specified speed, m/s: the highest one if strokes have speeds of their own.
     pub fn speed_m_per_s(&self) -> f64 {
         match self {
             Self::Raster(r) => r.speed_m_per_s,
@@ -204,7 +225,9 @@ impl PathSpec {
             Self::Line(l) => l.speed_m_per_s,
             Self::Waypoints(w) => w.speed_m_per_s,
             Self::Loops(l) => l.speed(),
-            Self::Stay(_) => SPEED.0,
+            Self::Stay(_) => SPEED_M_PER_S.0,
+            Self::Strokes(s) => s.speed_max_m_per_s(),
+            Self::Region(r) => r.speed_m_per_s,
         }
     }
 }
@@ -216,7 +239,7 @@ impl Loops {
     }
 }
 
-fn check_point(key: &str, point: &[f64; 2]) -> Result<(), ControlError> {
+pub(crate) fn check_point(key: &str, point: &[f64; 2]) -> Result<(), ControlError> {
     check_range(key, point[0], -REACH, REACH)?;
     check_range(key, point[1], -REACH, REACH)
 }

@@ -73,18 +73,27 @@ impl<const N: usize> Preflight<'_, N> {
     fn numbers(&self) -> Vec<Refusal> {
         let (task, limits) = (self.task, self.limits);
         let mut found = Vec::new();
-        if task.force.reference_n >= limits.force_max_n {
-            found.push(Refusal::Force {
-                reference_n: task.force.reference_n,
-                limit_n: limits.force_max_n,
-            });
+        let strokes_n = self.path.force_max_n();
+        for (key, force_n) in [
+            ("force.reference_n", Some(task.force.reference_n)),
+            ("path.strokes.force_n", strokes_n),
+        ] {
+            if let Some(reference_n) = force_n.filter(|n| *n >= limits.force_max_n) {
+                found.push(Refusal::Force {
+                    key,
+                    reference_n,
+                    limit_n: limits.force_max_n,
+                });
+            }
         }
         let speeds = [
             ("path.speed_m_per_s", task.path.speed_m_per_s()),
             ("approach.speed_m_per_s", task.approach.speed_m_per_s),
             ("end.retract_speed_m_per_s", task.end.retract_speed_m_per_s),
         ];
-        for (key, speed_m_per_s) in speeds {
+        let travel = (self.path.lifts() > 0)
+            .then(|| ("path.travel_speed_m_per_s", self.path.rise().speed_m_per_s));
+        for (key, speed_m_per_s) in speeds.into_iter().chain(travel) {
             if speed_m_per_s > limits.speed_max_m_per_s {
                 found.push(Refusal::Speed {
                     key,

@@ -95,10 +95,12 @@ impl std::fmt::Display for Edge {
 pub enum Refusal {
     /// The requested force reaches or exceeds the force at which the arm retracts.
     #[error(
-        "`force.reference_n` is {reference_n} N, and the arm retracts at `limits.force_max_n` = {limit_n} N: press less, \
+        "`{key}` is {reference_n} N, and the arm retracts at `limits.force_max_n` = {limit_n} N: press less, \
          or raise the cell's limit"
     )]
     Force {
+        /// Key in the task.
+        key: &'static str,
         /// Requested force, N.
         reference_n: f64,
         /// Force limit of the cell, N.

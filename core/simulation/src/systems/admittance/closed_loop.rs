@@ -7,7 +7,8 @@
 
 use tangent_control::{
     CommandKind, ContactSign, ControlError, ControlInput, ControlOutput, Controller,
-    ControllerConfig, ControllerWord, EstimateInput, Limits, MAX_ESTIMATORS, Memory, Program, Task,
+    ControllerConfig, ControllerWord, Coverage, EstimateInput, Limits, MAX_ESTIMATORS, Memory,
+    Program, Task,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Flange, Pose, Tool, Twist, Wrench, manipulability};
@@ -97,7 +98,8 @@ pub(super) fn run_admittance(
         fault,
         state_digest: closed_loop.digest.clone().finish(),
     };
-    let evaluation = Evaluation::of(end, &samples);
+    let mut evaluation = Evaluation::of(end, &samples);
+    evaluation.coverage = closed_loop.controller.coverage().map(Coverage::result);
     (evaluation, samples)
 }
 

@@ -96,6 +96,7 @@ const RANGES: Ranges = &[
 impl LawConfig for ControllerConfig {
     const LEARNS: bool = true;
     const TRAVELS: bool = true;
+    const LIFTS: bool = true;
 
     fn check(&self) -> Result<(), ControlError> {
         check_all(self, RANGES)?;

@@ -66,8 +66,10 @@ impl<const N: usize> HybridDynamics<N> {
                 self.press(now, estimate, felt, dt)
             }
             Phase::Retract => self.retract(input, now, felt),
-            // These laws do not travel.
-            Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
+            // These laws neither travel nor lift off between strokes: such programs are refused.
+            Phase::Travel | Phase::Lift | Phase::Idle | Phase::Done | Phase::Fault => {
+                self.hold(now)
+            }
         }
     }
 

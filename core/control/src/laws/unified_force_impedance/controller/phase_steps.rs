@@ -66,8 +66,10 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             Phase::Contact | Phase::Slide | Phase::Hold => self.press(now, normal, felt, dt),
             Phase::Seek => self.seek(now, normal, felt, dt),
             Phase::Retract => self.retract(now, felt, dt),
-            // These laws do not travel.
-            Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => self.hold(now),
+            // These laws neither travel nor lift off between strokes: such programs are refused.
+            Phase::Travel | Phase::Lift | Phase::Idle | Phase::Done | Phase::Fault => {
+                self.hold(now)
+            }
         }
     }
 

@@ -1,0 +1,133 @@
+//! Coverage that closes: the dose of pressure over a region, and further strokes where it is too
+//! low.
+//!
+//! While the tool presses, a grid of the region adds up the dose. At the end of the path, strokes
+//! for the cells with too little become the path of the next round, until the share of the region
+//! that the task asks for is within the band, or no further round is allowed. All room is allocated
+//! while the task is loaded; each cycle does a bounded part of the planning, while the tool lifts
+//! off.
+
+mod dose_grid;
+mod result;
+mod round;
+mod spec;
+
+use nalgebra::Vector2;
+
+use crate::error::ControlError;
+use crate::task::Task;
+use crate::task::path::{Path, PathSpec};
+use dose_grid::DoseGrid;
+use round::{Planner, RoundRules, STROKES_MAX};
+
+pub use result::CoverageResult;
+pub use spec::CoverageSpec;
+
+/// Coverage of one task: the grid, and the rounds so far. Making one allocates; running it does
+/// not.
+#[derive(Clone, Debug)]
+pub struct Coverage {
+    spec: CoverageSpec,
+    grid: DoseGrid,
+    rules: RoundRules,
+    /// Strokes of the next round, and later those of the round before.
+    room: Path,
+    planner: Option<Planner>,
+    /// Share of the region within the band at the end of each round.
+    shares: arrayvec::ArrayVec<f64, { spec::ROUNDS_MAX as usize }>,
+    done: bool,
+}
+
+impl Coverage {
+    /// For a task with `[coverage]`; `None` without. `bounds` are those of the path's acceleration,
+    /// m/s², and jerk, m/s³.
+    ///
+    /// # Errors
+    /// The path is no region, or the region is too large or its margin too wide for the tip.
+    pub(crate) fn new(
+        task: &Task,
+        path: &mut Path,
+        bounds: (f64, f64),
+    ) -> Result<Option<Self>, ControlError> {
+        let (Some(spec), PathSpec::Region(region)) = (&task.coverage, &task.path) else {
+            return Ok(None);
+        };
+        // The paths of two rounds take turns.
+        path.reserve(STROKES_MAX);
+        Ok(Some(Self {
+            grid: DoseGrid::new(region, spec.radius_m)?,
+            rules: RoundRules {
+                band: spec.dose_n_s_per_cm2,
+                passes: spec.passes.unwrap_or(0),
+                force_n: task.force.reference_n,
+                speed_m_per_s: region.speed_m_per_s,
+                radius_m: spec.radius_m,
+                bounds,
+            },
+            room: Path::with_room(STROKES_MAX, path.rise()),
+            planner: None,
+            shares: arrayvec::ArrayVec::new(),
+            done: false,
+            spec: spec.clone(),
+        }))
+    }
+
+    /// Adds the force of one cycle with the tool at a point of the path's plane.
+    pub(crate) fn press(&mut self, in_plane: &Vector2<f64>, force_n: f64, time_s: f64, dt_s: f64) {
+        self.grid.press(in_plane, force_n, time_s, dt_s);
+    }
+
+    /// The path of the round has ended, with the tool at `from`. Puts the strokes of the next round
+    /// into `path` as far as they are known; without effect if there is none.
+    pub(crate) fn end_round(&mut self, from: Vector2<f64>, path: &mut Path) -> bool {
+        if self.done {
+            return false;
+        }
+        let share = self.grid.judge(&self.rules).share();
+        self.done = self.shares.try_push(share).is_err()
+            || share >= self.spec.share_min
+            || self.shares.len() >= self.spec.rounds_max as usize;
+        if self.done {
+            return false;
+        }
+        self.room.clear();
+        let mut planner = Planner::new(from, &mut self.grid);
+        if !planner.step(&mut self.grid, &self.rules, &mut self.room) {
+            // What is missing cannot be reached.
+            self.done = true;
+            return false;
+        }
+        self.planner = Some(planner);
+        std::mem::swap(path, &mut self.room);
+        true
+    }
+
+    /// Adds the next stroke of a round that is being planned to `path`.
+    pub(crate) fn plan(&mut self, path: &mut Path) {
+        if let Some(planner) = &mut self.planner
+            && !planner.step(&mut self.grid, &self.rules, path)
+        {
+            self.planner = None;
+        }
+    }
+
+    /// Whether strokes of the round are still missing.
+    pub(crate) fn is_planning(&self) -> bool {
+        self.planner.is_some()
+    }
+
+    /// Middle of each cell of the region in the path's plane, m, and its dose, N*s/cm².
+    pub fn cells(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
+        (0..self.grid.cells.len())
+            .filter(|&index| self.grid.cells[index].judged)
+            .map(|index| (self.grid.middle(index).into(), self.grid.dose(index)))
+    }
+
+    /// The map as it is now. Allocates.
+    pub fn result(&self) -> CoverageResult {
+        CoverageResult::of(&self.grid, &self.rules, &self.shares)
+    }
+}
+
+#[cfg(test)]
+mod tests;

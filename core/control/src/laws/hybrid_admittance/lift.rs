@@ -1,0 +1,280 @@
+//! Travels from one stroke to the next above the surface: off along the normal, over to the start
+//! of the next stroke, and back by phase `seek`.
+//!
+//! The route bends away from the surface as far as the normals at its ends ask for. A touch on the
+//! way leads further off. Called by the phase machine and the motion of phase `lift`.
+
+use nalgebra::{UnitVector3, Vector3};
+use tangent_mechanics::{Aligned, Base, Tool, Twist};
+
+use super::config::ControllerConfig;
+use super::percept::Percept;
+use super::run::Run;
+use super::surface::Surface;
+use super::surface_chart::{Felt, SurfaceChart};
+use crate::contact::alignment::{alignment_rate, angle_between};
+use crate::leaving::clearance::Leaving;
+use crate::limits::clamp_norm;
+use crate::limits::faults::Fault;
+use crate::phase_machine::Phase;
+use crate::task::profile::Profile;
+use crate::task::program::Program;
+
+/// A felt place further than this from the landing does not help, m.
+const FELT_FAR_M: f64 = 0.03;
+/// Gain of the position feedback above the surface, 1/s, and its highest speed, m/s.
+const GAIN_PER_S: f64 = 4.0;
+const FEEDBACK_MAX_M_PER_S: f64 = 0.05;
+/// The tool has arrived within this distance, m, and angle, rad.
+const ARRIVED_M: f64 = 0.001;
+const ARRIVED_RAD: f64 = 0.03;
+/// Longest wait for it at the end of a route, s.
+const SETTLE_MAX_S: f64 = 3.0;
+/// Touches on one way that lead further off; the next one ends the task.
+const CLIMBS_MAX: u32 = 3;
+
+/// Where a lift is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Stage {
+    /// Off the surface, along the normal.
+    Off,
+    /// Above the surface, waiting for its route.
+    Above,
+    /// On its route.
+    Over(Route),
+}
+
+/// A way above the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Route {
+    from: Vector3<f64>,
+    to: Vector3<f64>,
+    from_normal: Vector3<f64>,
+    to_normal: Vector3<f64>,
+    /// Height of the middle of the route above the straight line, m.
+    bulge_m: f64,
+    /// Where the next stroke begins on the surface, m.
+    lands: Vector3<f64>,
+    profile: Profile,
+    time_s: f64,
+}
+
+impl Route {
+    /// Place and normal at a time of the route.
+    fn at(&self, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let (share, _) = self.profile.at(time_s);
+        let (a, b) = (self.from_normal, self.to_normal);
+        let normal = UnitVector3::new_normalize(a)
+            .try_slerp(&UnitVector3::new_normalize(b), share, 1e-9)
+            .map_or(a, |n| n.into_inner());
+        let bulge = 4.0 * share * (1.0 - share) * self.bulge_m;
+        (self.from.lerp(&self.to, share) + normal * bulge, normal)
+    }
+}
+
+/// State of a lift. A new one is the reset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lifting {
+    pub stage: Stage,
+    /// Where the present way off begins, m.
+    from: Vector3<f64>,
+    climbs: u32,
+    /// Whether the surface was felt near the landing.
+    pub knows_landing: bool,
+}
+
+impl Lifting {
+    pub fn idle() -> Self {
+        Self {
+            stage: Stage::Off,
+            from: Vector3::zeros(),
+            climbs: 0,
+            knows_landing: false,
+        }
+    }
+}
+
+impl Run {
+    /// Leaves the surface for the next stroke.
+    pub(crate) fn take_off(&mut self, percept: &Percept) {
+        self.lift = Lifting {
+            from: percept.position,
+            ..Lifting::idle()
+        };
+        self.tracking.freeze();
+        self.force.rest();
+        self.enter(Phase::Lift, percept);
+    }
+
+    /// Phase `lift`.
+    pub(super) fn decide_lift(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        percept: &Percept,
+        dt_s: f64,
+    ) {
+        let Some(wrench) = percept.wrench.filter(|_| !self.paused) else {
+            return;
+        };
+        match self.lift.stage {
+            Stage::Off => {
+                let leave = &config.leave;
+                let normal = self.surface.normal;
+                let way_m = (percept.position - self.lift.from).dot(&normal);
+                let release_max_n = (2.0 * program.force_max_n()).max(10.0);
+                let force = &wrench.force;
+                let left = self
+                    .leave
+                    .clear(leave, &normal, way_m, force, release_max_n, dt_s);
+                let patience_s = 2.0 + 3.0 * leave.distance_max_m / leave.speed_m_per_s;
+                if left == Leaving::Opposed
+                    || way_m > leave.distance_max_m
+                    || self.time_in_phase_s() > patience_s
+                {
+                    self.leave(percept, Some(Fault::NotClear));
+                } else if way_m >= program.path.rise().lift_m && !self.in_contact {
+                    self.lift.stage = Stage::Above;
+                }
+            }
+            Stage::Above => {}
+            Stage::Over(_) if self.in_contact => {
+                if self.lift.climbs >= CLIMBS_MAX {
+                    return self.leave(percept, Some(Fault::PathBlocked));
+                }
+                let climbs = self.lift.climbs + 1;
+                self.take_off(percept);
+                self.lift.climbs = climbs;
+            }
+            Stage::Over(route) => {
+                let late_s = route.time_s - route.profile.duration_s();
+                let arrived = (percept.position - route.to).norm() < ARRIVED_M
+                    && angle_between(&-percept.z_tool, &route.to_normal) < ARRIVED_RAD;
+                if late_s >= 0.0 && arrived || late_s > SETTLE_MAX_S {
+                    self.surface = Surface::new(route.to_normal);
+                    self.tracking.land(&program.path, route.lands);
+                    self.enter(Phase::Seek, percept);
+                }
+            }
+        }
+    }
+
+    /// Whether the tool is above the surface and waits for its route.
+    pub(super) fn awaits_route(&self) -> bool {
+        self.phase == Phase::Lift && self.lift.stage == Stage::Above && !self.paused
+    }
+
+    /// Finds the way to the next stroke: from what was felt near its start, or else on the plane
+    /// through the tool.
+    pub(super) fn set_route(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        chart: Option<&SurfaceChart>,
+        percept: &Percept,
+    ) {
+        let Some(lift) = self.tracking.at_lift(&program.path) else {
+            return self.leave(percept, None);
+        };
+        let rise = program.path.rise();
+        let (from, from_normal) = (percept.position, self.surface.normal);
+        let felt = chart.and_then(|chart| chart.nearest(&lift.to, FELT_FAR_M));
+        let (lands, to_normal) = match felt {
+            Some(felt) => {
+                let beside = lift.to - felt.in_plane;
+                let beside = self.tracking.on_surface(beside, &felt.normal);
+                (felt.position + beside, felt.normal)
+            }
+            None => {
+                let here = self.tracking.in_plane(&program.path, &from, &from_normal);
+                let way = self.tracking.on_surface(lift.to - here, &from_normal);
+                let height = (from - self.lift.from).dot(&from_normal);
+                (from - from_normal * height + way, from_normal)
+            }
+        };
+        self.lift.knows_landing = felt.is_some();
+        let to = lands + to_normal * rise.lift_m;
+        let way_m = (to - from).norm();
+        let turn_rad = angle_between(&from_normal, &to_normal);
+        // A circle through both ends rises by this much above their chord.
+        let bends_out = (to - from).dot(&(to_normal - from_normal)) > 0.0;
+        let arc_m = if bends_out {
+            0.5 * way_m * (0.25 * turn_rad).tan()
+        } else {
+            0.0
+        };
+        let bounds = &config.path;
+        let length_m = way_m.max(1e-4);
+        let speed = (rise.speed_m_per_s / length_m)
+            .min(config.alignment.turn_rate_max_rad_per_s / turn_rad.max(1e-6));
+        self.lift.stage = Stage::Over(Route {
+            from,
+            to,
+            from_normal,
+            to_normal,
+            bulge_m: arc_m + f64::from(self.lift.climbs) * rise.lift_m,
+            lands,
+            // Over a share of the route, 0 to 1.
+            profile: Profile::new(
+                1.0,
+                speed,
+                bounds.acceleration_m_per_s2 / length_m,
+                bounds.jerk_m_per_s3 / length_m,
+            ),
+            time_s: 0.0,
+        });
+    }
+
+    /// Records what a sliding tool feels of the surface, for the way back to it.
+    pub(super) fn record_surface(
+        &self,
+        program: &Program,
+        chart: &mut SurfaceChart,
+        percept: &Percept,
+    ) {
+        if self.phase == Phase::Slide && self.in_contact && self.estimated {
+            let (position, normal) = (percept.position, self.surface.normal);
+            chart.record(Felt {
+                in_plane: self.tracking.in_plane(&program.path, &position, &normal),
+                position,
+                normal,
+            });
+        }
+    }
+
+    /// Motion of phase `lift`.
+    pub(super) fn lift_twist(
+        &mut self,
+        config: &ControllerConfig,
+        percept: &Percept,
+        dt_s: f64,
+    ) -> Twist<Aligned<Tool, Base>> {
+        if percept.wrench.is_none() || percept.base.is_some() || self.paused {
+            return Twist::zero();
+        }
+        let turn = |normal: &Vector3<f64>| {
+            clamp_norm(
+                alignment_rate(config.alignment.gain_per_s, &percept.z_tool, normal),
+                config.alignment.turn_rate_max_rad_per_s,
+            )
+        };
+        match &mut self.lift.stage {
+            Stage::Off => {
+                let speed = config.leave.speed_m_per_s;
+                Twist::new(self.surface.normal * speed, Vector3::zeros())
+            }
+            Stage::Above => Twist::new(Vector3::zeros(), turn(&self.surface.normal)),
+            Stage::Over(route) => {
+                let (place, _) = route.at(route.time_s);
+                route.time_s += dt_s;
+                let (next, normal) = route.at(route.time_s);
+                let back = clamp_norm(
+                    (place - percept.position) * GAIN_PER_S,
+                    FEEDBACK_MAX_M_PER_S,
+                );
+                self.surface = Surface::new(normal);
+                Twist::new((next - place) / dt_s + back, turn(&normal))
+            }
+        }
+    }
+}
