@@ -121,8 +121,26 @@ fn pose<A, B>(next: &mut impl FnMut() -> f64) -> Pose<A, B> {
     Pose::new(translation, UnitQuaternion::new_unchecked(turn))
 }
 
+/// A task that first travels to a start pose.
+fn travelling() -> String {
+    format!("{TASK}\n[start]\njoints_rad = [0.6, -1.5, 1.5, -1.6, -1.5, 0.4]")
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
+
+    /// On the way to a start pose, any input leaves every joint within the speed of the task.
+    #[test]
+    fn no_input_leads_beyond_the_limits_on_the_way_to_the_start(messes in prop::collection::vec(mess(), 1..60), from in 0usize..200) {
+        let mut bench = Bench::new(&travelling());
+        bench.steps(from);
+        for (mask, numbers) in messes {
+            let output = bench.step(|input| spoil(input, mask, &numbers));
+            if output.phase == Phase::Travel {
+                prop_assert!(output.qd.amax() <= 0.2 + 1e-9);
+            }
+        }
+    }
 
     /// For any input, the command stays within every limit (checked in `Bench::step`), and so does
     /// the tool's speed.

@@ -165,6 +165,18 @@ fn an_arm_that_does_not_get_there_is_a_fault() {
     assert_eq!(output.fault, Some(Fault::TravelBlocked));
 }
 
+/// A zone in which the speed slider of the robot slows the arm is no reason to give up.
+#[test]
+fn a_slow_robot_arrives_later() {
+    let mut bench = Bench::new(&task(""));
+    let mut steps = 0;
+    while bench.step(|input| input.speed_scaling = 0.3).phase == Phase::Travel {
+        steps += 1;
+        assert!(steps < 3000);
+    }
+    assert!(away(&bench, START) < 3e-3);
+}
+
 #[test]
 fn a_start_pose_of_another_arm_is_refused_by_name() {
     let mut bench = Bench::new(TASK);
