@@ -229,7 +229,7 @@ fn coverage(c: &CoverageResult) -> String {
         .map(|share| format!("{:.1}", share * 100.0))
         .collect();
     format!(
-        "{:.1} % of {:.1} cm² within the band ({} after each round), {} holes with {:.2} cm², {:.2} cm² above the band, \
+        "{:.1} % of {:.1} cm² within the band ({} after each round), {} holes with {:.2} cm², {:.2} cm² above it, \
          {:.2} to {:.2} N s/cm²",
         c.share * 100.0,
         c.area_cm2,

@@ -51,11 +51,11 @@ fn of_cell<C: ServedLaw, const N: usize>(
     start: Option<&[f64]>,
 ) -> Result<Vec<Refusal>, ControllerError> {
     let parameters = cell.parameters(task.controller.as_deref());
-    let (acceleration, jerk) = parameters.map_err(ControllerError::Task)?.path_bounds();
-    let path = Path::new(&task.path, acceleration, jerk).map_err(ControllerError::Task)?;
+    let parameters = parameters.map_err(ControllerError::Task)?;
+    let program = Program::with_config(task, parameters).map_err(ControllerError::Task)?;
     of_arm(
         task,
-        &path,
+        &program.path,
         (&cell.arm, &cell.flange_from_tool, &cell.limits),
         start,
         C::TRAVELS,

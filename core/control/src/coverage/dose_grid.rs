@@ -1,8 +1,8 @@
 //! Grid of a region with the dose of pressure in each cell.
 //!
 //! The force is spread evenly over a disk of the tip's radius, as in the map that viewers show. The
-//! rows of the grid are parallel to the rows of a raster. Coordinates are those of the path's plane:
-//! lengths along the surface.
+//! rows of the grid are parallel to the rows of a raster. Coordinates are those of the path's
+//! plane: lengths along the surface.
 
 use nalgebra::{Rotation2, Vector2};
 

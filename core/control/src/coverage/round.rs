@@ -214,9 +214,8 @@ fn under<'a>(
     line: &'a Line,
 ) -> impl Iterator<Item = usize> + 'a {
     let (width, across) = (half_width(grid, rules), line.across());
-    // Beyond its ends, a stroke covers half as far as beside it.
-    let beyond = width / 2;
-    (-beyond..line.cells + beyond)
+    // The tool slows down at the ends, so that they get as much.
+    (-width..line.cells + width)
         .flat_map(move |k| (-width..=width).map(move |m| (k, m)))
         .map(move |(k, m)| {
             let (i, j) = line.cell(k);
@@ -230,8 +229,7 @@ fn under<'a>(
 fn cover(grid: &mut DoseGrid, rules: &RoundRules, line: &Line) -> (usize, f64) {
     let (mut count, mut sum) = (0, 0.0);
     let (width, across) = (half_width(grid, rules), line.across());
-    let beyond = width / 2;
-    for k in -beyond..line.cells + beyond {
+    for k in -width..line.cells + width {
         let (i, j) = line.cell(k);
         for m in -width..=width {
             let cell = (i + m * across.0, j + m * across.1);

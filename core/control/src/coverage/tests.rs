@@ -101,7 +101,7 @@ fn rows_too_far_apart_are_closed_in_the_second_round() {
 
 #[test]
 fn passes_are_counted_and_completed() {
-    for (passes, rounds) in [(1, 1), (4, 6)] {
+    for (passes, rounds) in [(1, 3), (4, 6)] {
         let result = run(&task(
             &format!("{PLATE}\n{HOLE}"),
             &format!("passes = {passes}\nrounds_max = {rounds}"),

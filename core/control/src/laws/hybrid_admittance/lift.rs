@@ -28,7 +28,9 @@ const FEEDBACK_MAX_M_PER_S: f64 = 0.05;
 /// The tool has arrived within this distance, m, and angle, rad.
 const ARRIVED_M: f64 = 0.001;
 const ARRIVED_RAD: f64 = 0.03;
-/// Longest wait for it at the end of a route, s.
+/// A tool that stays further away than this does not land, m.
+const ASTRAY_M: f64 = 0.004;
+/// Longest wait at the end of a route, s.
 const SETTLE_MAX_S: f64 = 3.0;
 /// Touches on one way that lead further off; the next one ends the task.
 const CLIMBS_MAX: u32 = 3;
@@ -148,9 +150,13 @@ impl Run {
             }
             Stage::Over(route) => {
                 let late_s = route.time_s - route.profile.duration_s();
-                let arrived = (percept.position - route.to).norm() < ARRIVED_M
-                    && angle_between(&-percept.z_tool, &route.to_normal) < ARRIVED_RAD;
-                if late_s >= 0.0 && arrived || late_s > SETTLE_MAX_S {
+                let away_m = (percept.position - route.to).norm();
+                let turned = angle_between(&-percept.z_tool, &route.to_normal) < ARRIVED_RAD;
+                let late = late_s > SETTLE_MAX_S;
+                if late && away_m > ASTRAY_M {
+                    // A tool that landed elsewhere would slide where it must not.
+                    self.leave(percept, Some(Fault::PathBlocked));
+                } else if late || late_s >= 0.0 && turned && away_m < ARRIVED_M {
                     self.surface = Surface::new(route.to_normal);
                     self.tracking.land(&program.path, route.lands);
                     self.enter(Phase::Seek, percept);
@@ -242,12 +248,13 @@ impl Run {
         }
     }
 
-    /// Motion of phase `lift`.
+    /// Motion of phase `lift`; `speed_scaling` is the robot's own, 0 to 1.
     pub(super) fn lift_twist(
         &mut self,
         config: &ControllerConfig,
         percept: &Percept,
         dt_s: f64,
+        speed_scaling: f64,
     ) -> Twist<Aligned<Tool, Base>> {
         if percept.wrench.is_none() || percept.base.is_some() || self.paused {
             return Twist::zero();
@@ -266,7 +273,7 @@ impl Run {
             Stage::Above => Twist::new(Vector3::zeros(), turn(&self.surface.normal)),
             Stage::Over(route) => {
                 let (place, _) = route.at(route.time_s);
-                route.time_s += dt_s;
+                route.time_s += dt_s * speed_scaling.clamp(0.0, 1.0);
                 let (next, normal) = route.at(route.time_s);
                 let back = clamp_norm(
                     (place - percept.position) * GAIN_PER_S,

@@ -68,7 +68,7 @@ pub(super) fn wanted_twist<const N: usize>(
             let speed = run.seek_speed(config, reference_n, &percept.position);
             Twist::new(normal * -speed, still)
         }
-        Phase::Lift => run.lift_twist(config, percept, input.dt_s),
+        Phase::Lift => run.lift_twist(config, percept, input.dt_s, input.speed_scaling),
         Phase::Retract => {
             let speed = run.retract_speed(program, config, percept);
             Twist::new(run.retract * speed, still)

@@ -9,6 +9,8 @@ use super::polygon::{Polygon, area_m2, nearest_on};
 
 /// Distance of the first and last row from the edge that they run along, m.
 const INSIDE_M: f64 = 1e-6;
+/// A spiral leaves the polygon by no more than this, m.
+const OVER_M: f64 = 1e-4;
 /// Distance between points of a spiral, m.
 const SPIRAL_STEP_M: f64 = 0.002;
 /// The next ring of a spiral is nowhere further away than this many spacings.
@@ -97,13 +99,21 @@ pub(crate) fn spiral(polygon: &Polygon, spacing_m: f64) -> Vec<Points> {
         let mut points = dense(&rings[first].1);
         let mut present = first;
         while let Some(next) = inner(present).filter(|&next| !used[next]) {
-            used[next] = true;
             let from = dense(&rotated(&rings[present].1, points.last()));
             let steps = from.len() as f64;
-            points.extend(from.iter().enumerate().map(|(k, p)| {
+            let turn = from.iter().enumerate().map(|(k, p)| {
                 let (_, to) = nearest(&rings[next].1, p);
                 p + (to - p) * ((k + 1) as f64 / steps)
-            }));
+            });
+            let begin = points.len() - 1;
+            points.extend(turn);
+            // Rings on different sides of a hole do not pass into each other.
+            let mut steps = points[begin..].windows(2);
+            if !steps.all(|ends| polygon.sees(&ends[0], &ends[1], OVER_M)) {
+                points.truncate(begin + 1);
+                break;
+            }
+            used[next] = true;
             present = next;
         }
         if present != first {
