@@ -161,6 +161,9 @@ pub struct PaceConfig {
     pub slope_share: f64,
     /// Force error, as a share of the reference, from which the path slows down; 0: never.
     pub force_share: f64,
+    /// Force above its reference, as a share of it, from which the path slows down, to a fifth of
+    /// its speed at the least; 0: never.
+    pub excess_share: f64,
     /// Lowest speed because of an uncertain normal, m/s.
     pub speed_min_m_per_s: f64,
     /// Radius of the first circle of the exploration after a touch, m; 0: none.
@@ -274,6 +277,7 @@ impl Default for PaceConfig {
         Self {
             slope_share: 0.35,
             force_share: 0.0,
+            excess_share: 0.4,
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
             explore_above_rad: 0.045,
@@ -343,6 +347,7 @@ impl Presets for ControllerConfig {
             pace: PaceConfig {
                 slope_share: 0.0,
                 force_share: 0.0,
+                excess_share: 0.0,
                 explore_radius_m: 0.0,
                 ..default.pace
             },
