@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
+use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
 use super::losses::Felt;
@@ -267,6 +268,7 @@ impl Run {
         }
         self.force.touch(config, force_n, speed_m_per_s);
         self.exploration.offer();
+        self.acting = ActingPoint::default();
         self.off = false;
         if !self.touched {
             self.touched = true;

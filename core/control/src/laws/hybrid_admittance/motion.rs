@@ -138,6 +138,12 @@ pub(super) fn wanted_twist<const N: usize>(
             } else {
                 still
             };
+            let mut speed = speed;
+            if let (true, Some(wrench)) = (config.alignment.about_contact, &percept.wrench) {
+                let pose = &input.base_from_tool;
+                run.acting.add(wrench, pose, input.dt_s);
+                speed += run.acting.make_up_m_per_s(&(align + turn), pose, &normal);
+            }
             Twist::new(along + normal * speed, align + ahead + turn)
         }
         Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare => Twist::zero(),

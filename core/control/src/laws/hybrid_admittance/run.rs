@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
+use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
@@ -49,6 +50,8 @@ pub(crate) struct Run {
     pub tracking: Tracking,
     pub force: ForceLaw,
     pub exploration: Exploration,
+    /// Where the force acts on the tool in this contact.
+    pub acting: ActingPoint,
     pub in_contact: bool,
     pub lost_count: u32,
     pub losses: Losses,
@@ -110,6 +113,7 @@ impl Run {
             tracking: Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros()),
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
+            acting: ActingPoint::default(),
             in_contact: false,
             lost_count: 0,
             losses: Losses::default(),

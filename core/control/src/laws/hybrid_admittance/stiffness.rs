@@ -163,7 +163,7 @@ mod tests {
     fn settles_when_the_value_in_use_has_come_down() {
         let mut stiffness = Stiffness::new(50_000.0);
         let (mut settled_at, mut depth) = (None, 0.0);
-        for i in 0..100u32 {
+        for _ in 0..100 {
             depth += (3.0 / 5e3 - depth) * 0.02;
             stiffness.update(depth, 5e3 * depth, 0.0, 0.008);
             if stiffness.is_settled() && settled_at.is_none() {

@@ -97,6 +97,8 @@ pub struct AlignmentConfig {
     /// Whether the surface's curvature times the tool's velocity is fed forward, so that the tool
     /// turns with the surface.
     pub feed_forward: bool,
+    /// Whether the tool turns about the point where the force acts instead of about its origin.
+    pub about_contact: bool,
     /// Maximum turn rate from the alignment, rad/s.
     pub turn_rate_max_rad_per_s: f64,
 }
@@ -212,7 +214,7 @@ impl Default for ForceConfig {
             stiffness_expected_n_per_m: 50_000.0,
             overshoot_accepted: 0.2,
             approach_slowed: true,
-            integral_ratio: 4.0,
+            integral_ratio: 3.0,
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
             reference_rate_n_per_s: 8.0,
@@ -236,6 +238,7 @@ impl Default for AlignmentConfig {
         Self {
             gain_per_s: 4.0,
             feed_forward: true,
+            about_contact: true,
             turn_rate_max_rad_per_s: 0.8,
         }
     }
@@ -326,6 +329,7 @@ impl Presets for ControllerConfig {
             alignment: AlignmentConfig {
                 gain_per_s: 0.08,
                 feed_forward: false,
+                about_contact: false,
                 ..default.alignment
             },
             normal: NormalConfig {
