@@ -25,8 +25,8 @@ pub(crate) struct TurnGuard {
 impl TurnGuard {
     /// Processes one cycle with the tool at `position` (m) and the `normal` in use (unit), axes in
     /// which the surface is at rest. Returns whether the normal has turned by more than `turn_max`
-    /// (rad) beyond what the way explains. While the tool `explores`, it goes to and fro, and its
-    /// way explains nothing.
+    /// (rad) beyond what the way explains. While the tool `explores`, it goes to and fro: only its
+    /// distance from where it began explains a turn.
     pub fn step(
         &mut self,
         position: &Vector3<f64>,
@@ -46,7 +46,14 @@ impl TurnGuard {
                 *explained = Rotation3::from_axis_angle(&axis, turn) * *explained;
             }
         }
-        angle_between(explained, normal) > turn_max_rad
+        // An exploration over a curved surface comes back to where it began. Until then, the
+        // normal turns with the distance from there.
+        let away_rad = if explores {
+            CURVATURE_PER_M * beyond.max(0.0)
+        } else {
+            0.0
+        };
+        angle_between(explained, normal) > turn_max_rad + away_rad
     }
 }
 
@@ -96,7 +103,30 @@ mod tests {
                 .step(&place, &tilted(angle), 0.65, true)
                 .then_some(angle)
         });
+        // The tool comes back to where it began once every 0.25 rad.
+        assert!(tripped.is_some_and(|angle| angle < 0.8), "{tripped:?}");
+        let mut guard = TurnGuard::default();
+        let tripped = (0..1000).map(|k| f64::from(k) * 2e-3).find(|angle| {
+            let place = Vector3::new(angle.cos(), angle.sin(), 0.0) * 0.002;
+            guard.step(&place, &tilted(*angle), 0.65, true)
+        });
         assert!(tripped.is_some_and(|angle| angle < 0.66), "{tripped:?}");
+    }
+
+    /// The bug: after a landing 26 degrees off, a circle of 10 mm on a torus of 50 mm was taken for
+    /// a false force.
+    #[test]
+    fn an_exploration_over_a_curved_surface_is_followed() {
+        let (radius, landed) = (0.05, 0.45);
+        let mut guard = TurnGuard::default();
+        assert!(!guard.step(&Vector3::zeros(), &tilted(-landed), 0.65, true));
+        for k in 0..2000 {
+            let angle = f64::from(k) * 0.01;
+            let away = 0.01 * (1.0 - angle.cos());
+            let place = Vector3::new(away, 0.01 * angle.sin(), 0.0);
+            let normal = tilted(away / radius);
+            assert!(!guard.step(&place, &normal, 0.65, true), "{angle}");
+        }
     }
 
     #[test]

@@ -14,6 +14,9 @@ use crate::motion::Motion;
 /// Fluctuation of friction around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
 
+/// Distance over which the contact stays at its place on the tip, m.
+const PLACE_LENGTH_M: f64 = 0.02;
+
 /// Change of the height in a sample that is a jump: a slope over the distance, and standard
 /// deviations of the height.
 const JUMP_SLOPE: f64 = 0.7;
@@ -80,18 +83,41 @@ impl ContactFilter {
         let sideways = (2.0 * self.config.sensing.velocity_sd_m_per_s / speed).min(0.5);
         let turned = state.slide.tip_direction_sd_rad();
         let leak = (state.surface.friction * load * sideways.hypot(turned)).powi(2);
-        self.correct(state, &row, across_innovation, noise + leak * alike);
+        let beside = self.beside_variance_of_sample(state, &across, load, speed * motion.dt_s);
+        let variance = noise + leak * alike + beside;
+        self.correct(state, &row, across_innovation, variance);
 
         let along_innovation = along.dot(&force);
         let row = state.force_row(&along, &normal, &t, load, motion);
         let fluctuation = (FRICTION_FLUCTUATION * load * state.surface.friction.max(0.1)).powi(2)
             + (state.surface.friction * load * 0.5 * turned).powi(2)
             + state.noise.friction_n2;
-        self.correct(state, &row, along_innovation, noise + fluctuation * alike);
+        let beside = self.beside_variance_of_sample(state, &along, load, speed * motion.dt_s);
+        let variance = noise + fluctuation * alike + beside;
+        self.correct(state, &row, along_innovation, variance);
         let gain = (speed * motion.dt_s / 0.02).min(0.2);
         state.noise.friction_n2 += gain
             * ((along_innovation * along_innovation - noise).clamp(0.0, (0.3 * load).powi(2))
                 - state.noise.friction_n2);
+    }
+
+    /// Variance of the force along `axis` (N²) because the contact may be beside the assumed centre
+    /// of pressure, where a curved surface has another normal. It does not average out over the
+    /// `distance_m` of one sample.
+    fn beside_variance_of_sample(
+        &self,
+        state: &ContactFilterState,
+        axis: &Vector3<f64>,
+        load_n: f64,
+        distance_m: f64,
+    ) -> f64 {
+        let surface = &state.surface;
+        let direction = surface.frame.project(axis);
+        let unknown = surface.covariance[(SHAPE, SHAPE)].max(0.0);
+        let curvature2 =
+            (surface.shape * direction).norm_squared() + unknown * direction.norm_squared();
+        let variance = (load_n * state.centre.sd_m).powi(2) * curvature2;
+        variance * (PLACE_LENGTH_M / distance_m).max(1.0)
     }
 
     /// While pressing without sliding, friction may point anywhere inside its cone. The information

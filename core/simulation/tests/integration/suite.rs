@@ -69,3 +69,37 @@ fn an_override_reaches_a_draw_and_a_wrong_one_is_named() {
     let error = one().with_overrides(&["plant.errors.arm.speed=1".to_owned()]);
     assert!(error.unwrap_err().to_string().contains("speed"));
 }
+
+/// Draws that failed, and the bug that each of them found.
+#[test]
+fn draws_that_found_a_bug_are_completed() {
+    for (surface, number, seed, bug) in [
+        (
+            SurfaceKind::WavedSheet,
+            20,
+            1,
+            "34 kN/m were taken for 4 while the tool explored a slope, and the loop rang",
+        ),
+        (
+            SurfaceKind::TorusOutside,
+            16,
+            1,
+            "an exploration over a curved surface was taken for a false force",
+        ),
+        (
+            SurfaceKind::TorusInside,
+            15,
+            1,
+            "the path went on at full speed up a slope while the force rose to twice its reference",
+        ),
+    ] {
+        let run = run(&draw(surface, number, seed)).unwrap();
+        assert!(
+            run.completed,
+            "{} {number}: {bug}: {:?}",
+            surface.name(),
+            run.fault
+        );
+        assert!(run.peak_ratio <= 1.5, "{bug}: {}", run.peak_n);
+    }
+}

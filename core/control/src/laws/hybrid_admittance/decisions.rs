@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
+use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
 use super::losses::Felt;
@@ -288,6 +289,7 @@ impl Run {
         if !std::mem::take(&mut self.lift.knows_landing) {
             self.exploration.offer();
         }
+        self.acting = ActingPoint::default();
         self.off = false;
         if !self.touched {
             self.touched = true;

@@ -133,6 +133,11 @@ impl ForceLaw {
             .then(|| self.stiffness.value_n_per_m())
     }
 
+    /// Whether the stiffness in use follows from a measurement in this contact.
+    pub fn stiffness_is_settled(&self) -> bool {
+        self.stiffness.is_settled()
+    }
+
     /// Damping in use, Ns/m.
     pub fn damping_n_s_per_m(&self) -> f64 {
         self.damping

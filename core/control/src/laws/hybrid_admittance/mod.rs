@@ -4,6 +4,7 @@
 //! Called once per cycle of the robot by the closed loop of `evaluate`, and by the service that
 //! commands the arm.
 
+mod acting_point;
 pub mod admittance;
 mod as_law;
 mod config;

@@ -4,7 +4,8 @@ use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
 use super::pace::{
-    ForceLoop, deviation_along_rad, deviation_max_rad, force_factor, speed_bound, turn_bound,
+    ForceLoop, deviation_along_rad, deviation_max_rad, excess_factor, force_factor, speed_bound,
+    turn_bound,
 };
 use super::percept::Percept;
 use super::run::Run;
@@ -23,9 +24,14 @@ use tangent_mechanics::{Aligned, Base, Tool, Twist};
 const FRICTION_EXPECTED: f64 = 0.5;
 /// Standard deviation assumed of a normal that its estimator withholds, rad.
 const WITHHELD_SD_RAD: f64 = 0.1;
-/// The exploration begins this long after a touch, s: the first force has settled and the stiffness
-/// is known roughly.
+/// The exploration begins this long after a touch, s: the first force has settled.
 const EXPLORE_AFTER_S: f64 = 0.3;
+/// Longest time after a touch for which it waits for the stiffness, s: a contact that did not show
+/// it by then is stiff.
+const STIFFNESS_WITHIN_S: f64 = 0.6;
+/// Commanded speed along the surface below which the tool stands, m/s. While it moves, its depth
+/// changes with the surface's shape too, and shows no stiffness.
+const STANDING_M_PER_S: f64 = 1e-3;
 /// Force from which it begins, N.
 const EXPLORE_FORCE_N: f64 = 1.5;
 /// Highest speed of the exploration, m/s.
@@ -110,7 +116,7 @@ pub(super) fn wanted_twist<const N: usize>(
                         along,
                         ahead_m_per_s: learnt.map(|learnt| learnt.speed_m_per_s),
                         wrench_delay_s: input.wrench_delay_s,
-                        settling: run.phase == Phase::Contact,
+                        settling: run.phase == Phase::Contact && along.norm() < STANDING_M_PER_S,
                         dt_s: input.dt_s,
                     },
                 )
@@ -133,6 +139,12 @@ pub(super) fn wanted_twist<const N: usize>(
             } else {
                 still
             };
+            let mut speed = speed;
+            if let (true, Some(wrench)) = (config.alignment.about_contact, &percept.wrench) {
+                let pose = &input.base_from_tool;
+                run.acting.add(wrench, pose, input.dt_s);
+                speed += run.acting.make_up_m_per_s(&(align + turn), pose, &normal);
+            }
             Twist::new(along + normal * speed, align + ahead + turn)
         }
         Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare | Phase::Travel => Twist::zero(),
@@ -179,14 +191,15 @@ impl Run {
         })
     }
 
-    /// Whether the tool may explore while the force still builds up: it presses, and the first
-    /// force has settled.
+    /// Whether the tool may explore while the force still builds up: it presses, the first force has
+    /// settled, and the stiffness, which is learnt only while it stands, is known.
     fn may_explore(&self, config: &ControllerConfig, percept: &Percept) -> bool {
         let pressing_n = EXPLORE_FORCE_N.max(config.contact.noise_n);
         !self.paused
             && self.in_phase_s > EXPLORE_AFTER_S
             && percept.force_n.is_some_and(|force_n| force_n > pressing_n)
             && self.force.reference_n() > pressing_n
+            && (self.force.stiffness_is_settled() || self.in_phase_s > STIFFNESS_WITHIN_S)
     }
 }
 
@@ -217,6 +230,7 @@ fn along_path(
     let path_speed = program.task.path.speed_m_per_s();
     let mut factor = factor
         * force_factor(&config.pace, error_n, reference_n)
+        * excess_factor(&config.pace, error_n, reference_n)
         * run.losses.speed_share(position);
     let force = force_loop(run, config, reference_n);
     let explore_factor = match run.phase {

@@ -25,6 +25,8 @@ const LEFT_SHARE: f64 = 0.3;
 const TURN_MIN_RAD_PER_S: f64 = 0.05;
 /// The path stands when the force error is this many times the one that begins to slow it.
 const STAND_SHARES: f64 = 2.5;
+/// Share of the speed that is left whatever the force.
+const EXCESS_LEAST: f64 = 0.2;
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
 const REFERENCE_MIN_N: f64 = 1.5;
 /// Largest radius of the first circle, m.
@@ -62,6 +64,17 @@ pub(crate) fn force_factor(config: &PaceConfig, error_n: f64, reference_n: f64) 
     }
     let share = error_n.abs() / reference_n.max(REFERENCE_MIN_N) / config.force_share;
     ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).clamp(0.0, 1.0)
+}
+
+/// Share of the path's speed that a force leaves which is above its reference by `error_n`: a
+/// surface that rises faster than the force law gives way is slid up more slowly. Never less than
+/// [`EXCESS_LEAST`], so that a tool gets over a ledge.
+pub(crate) fn excess_factor(config: &PaceConfig, error_n: f64, reference_n: f64) -> f64 {
+    if config.excess_share <= 0.0 {
+        return 1.0;
+    }
+    let share = error_n / reference_n.max(REFERENCE_MIN_N) / config.excess_share;
+    ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).clamp(EXCESS_LEAST, 1.0)
 }
 
 /// Highest turn rate of the tool about its origin, rad/s, so that a contact [`LEVER_M`] beside that
@@ -168,6 +181,21 @@ mod tests {
             ..config
         };
         assert_eq!(speed_bound(&off, 0.175, &FORCE), f64::INFINITY);
+    }
+
+    #[test]
+    fn too_high_a_force_slows_the_path_and_too_low_a_force_does_not() {
+        let config = PaceConfig::default();
+        let factor = |error_n| excess_factor(&config, error_n, 10.0);
+        assert_eq!(factor(-9.0), 1.0);
+        assert_eq!(factor(3.0), 1.0);
+        assert!(factor(7.0) < 0.6);
+        assert_eq!(factor(100.0), EXCESS_LEAST);
+        let off = PaceConfig {
+            excess_share: 0.0,
+            ..config
+        };
+        assert_eq!(excess_factor(&off, 100.0, 10.0), 1.0);
     }
 
     #[test]

@@ -7,6 +7,7 @@
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
+use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
@@ -52,6 +53,8 @@ pub(crate) struct Run {
     pub lift: Lifting,
     pub force: ForceLaw,
     pub exploration: Exploration,
+    /// Where the force acts on the tool in this contact.
+    pub acting: ActingPoint,
     pub in_contact: bool,
     pub lost_count: u32,
     pub losses: Losses,
@@ -116,6 +119,7 @@ impl Run {
             lift: Lifting::idle(),
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
+            acting: ActingPoint::default(),
             in_contact: false,
             lost_count: 0,
             losses: Losses::default(),

@@ -12,6 +12,7 @@
 pub struct Stiffness {
     value_n_per_m: f64,
     known: bool,
+    settled: bool,
     depth_lagged_m: Option<f64>,
     weight: f64,
     depth_mean: f64,
@@ -33,6 +34,8 @@ const FORCE_SD_N: f64 = 0.08;
 const CORRELATION_MIN: f64 = 0.3;
 /// Time constant with which a lower stiffness is adopted, s.
 const LOWER_S: f64 = 0.06;
+/// Share of the stiffness in use from which a measurement is near it.
+const SETTLED_SHARE: f64 = 0.8;
 /// Time constant of the forgetting, s.
 const MEMORY_S: f64 = 1.5;
 
@@ -42,6 +45,7 @@ impl Stiffness {
         Self {
             value_n_per_m: expected_n_per_m,
             known: false,
+            settled: false,
             depth_lagged_m: None,
             weight: 0.0,
             depth_mean: 0.0,
@@ -60,6 +64,11 @@ impl Stiffness {
     /// Whether the stiffness was measured, rather than expected.
     pub fn is_known(&self) -> bool {
         self.known
+    }
+
+    /// Whether the stiffness in use has come down to the one measured in this contact.
+    pub fn is_settled(&self) -> bool {
+        self.settled
     }
 
     /// Processes one cycle: `depth_m` grows into the surface; `force_n` lags it by `delay_s`, the
@@ -91,6 +100,7 @@ impl Stiffness {
             (excess + (excess * excess + 4.0 * ratio * together).sqrt()) / (2.0 * self.covariance);
         let measured = slope.clamp(BELIEVED.0, BELIEVED.1);
         self.known = true;
+        self.settled = measured > SETTLED_SHARE * self.value_n_per_m;
         // A higher stiffness is adopted at once, because the loop may be ringing. A lower one is
         // adopted slowly: it only makes the loop faster.
         let share = if measured > self.value_n_per_m {
@@ -147,6 +157,22 @@ mod tests {
                 "{k}: {noisy:?}"
             );
         }
+    }
+
+    #[test]
+    fn settles_when_the_value_in_use_has_come_down() {
+        let mut stiffness = Stiffness::new(50_000.0);
+        let (mut settled_at, mut depth) = (None, 0.0);
+        for _ in 0..100 {
+            depth += (3.0 / 5e3 - depth) * 0.02;
+            stiffness.update(depth, 5e3 * depth, 0.0, 0.008);
+            if stiffness.is_settled() && settled_at.is_none() {
+                settled_at = Some(stiffness.value_n_per_m());
+            }
+        }
+        assert!(settled_at.is_some_and(|k| k < 6.5e3), "{settled_at:?}");
+        stiffness.restart();
+        assert!(!stiffness.is_settled() && stiffness.is_known());
     }
 
     #[test]

@@ -97,6 +97,8 @@ pub struct AlignmentConfig {
     /// Whether the surface's curvature times the tool's velocity is fed forward, so that the tool
     /// turns with the surface.
     pub feed_forward: bool,
+    /// Whether the tool turns about the point where the force acts instead of about its origin.
+    pub about_contact: bool,
     /// Maximum turn rate from the alignment, rad/s.
     pub turn_rate_max_rad_per_s: f64,
 }
@@ -161,6 +163,9 @@ pub struct PaceConfig {
     pub slope_share: f64,
     /// Force error, as a share of the reference, from which the path slows down; 0: never.
     pub force_share: f64,
+    /// Force above its reference, as a share of it, from which the path slows down, to a fifth of
+    /// its speed at the least; 0: never.
+    pub excess_share: f64,
     /// Lowest speed because of an uncertain normal, m/s.
     pub speed_min_m_per_s: f64,
     /// Radius of the first circle of the exploration after a touch, m; 0: none.
@@ -209,7 +214,7 @@ impl Default for ForceConfig {
             stiffness_expected_n_per_m: 50_000.0,
             overshoot_accepted: 0.2,
             approach_slowed: true,
-            integral_ratio: 4.0,
+            integral_ratio: 3.0,
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
             reference_rate_n_per_s: 8.0,
@@ -233,6 +238,7 @@ impl Default for AlignmentConfig {
         Self {
             gain_per_s: 4.0,
             feed_forward: true,
+            about_contact: true,
             turn_rate_max_rad_per_s: 0.8,
         }
     }
@@ -274,6 +280,7 @@ impl Default for PaceConfig {
         Self {
             slope_share: 0.35,
             force_share: 0.0,
+            excess_share: 0.4,
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
             explore_above_rad: 0.045,
@@ -322,6 +329,7 @@ impl Presets for ControllerConfig {
             alignment: AlignmentConfig {
                 gain_per_s: 0.08,
                 feed_forward: false,
+                about_contact: false,
                 ..default.alignment
             },
             normal: NormalConfig {
@@ -343,6 +351,7 @@ impl Presets for ControllerConfig {
             pace: PaceConfig {
                 slope_share: 0.0,
                 force_share: 0.0,
+                excess_share: 0.0,
                 explore_radius_m: 0.0,
                 ..default.pace
             },
