@@ -265,6 +265,33 @@ pub trait TableCell: Sized {
         assert_eq!(self.phase(), next, "{what}");
     }
 
+    /// Asserts that the tool slides for a number of cycles in `cycles`, and then retracts because of
+    /// the wrench.
+    fn assert_retracts_within(
+        &mut self,
+        what: &str,
+        cycles: std::ops::RangeInclusive<u64>,
+        validity: Validity,
+    ) {
+        let (least, most) = cycles.into_inner();
+        for cycle in 1..least {
+            self.step();
+            assert_eq!(self.phase(), Phase::Slide, "{what}, cycle {cycle}");
+        }
+        self.step();
+        for _ in least..most {
+            if self.phase() == Phase::Slide {
+                self.step();
+            }
+        }
+        assert_eq!(self.phase(), Phase::Retract, "{what}");
+        assert_eq!(
+            self.task_fault(),
+            Some(TaskFault::Wrench(validity)),
+            "{what}"
+        );
+    }
+
     /// Asserts that the tool slides for `cycles`, and then retracts because of the wrench.
     fn assert_retracts_for(&mut self, what: &str, cycles: u64, validity: Validity) {
         self.assert_phase_after(what, cycles, Phase::Retract);
