@@ -40,7 +40,7 @@ impl Events {
         let mut lands = false;
         let mut seeks = |cycle: &Cycle<'_>| {
             let phase = cycle.sample.phase;
-            lands = phase == Phase::Travel || lands && phase == Phase::Seek;
+            lands = phase == Phase::Lift || lands && phase == Phase::Seek;
             phase == Phase::Seek && !lands
         };
         // A controller that holds the arm after the end reports no progress any more.
