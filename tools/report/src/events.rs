@@ -36,6 +36,13 @@ impl Events {
         let Some(last) = task.cycles.last() else {
             return Self::default();
         };
+        // The landing after a way above the surface is no search for a lost one.
+        let mut lands = false;
+        let mut seeks = |cycle: &Cycle<'_>| {
+            let phase = cycle.sample.phase;
+            lands = phase == Phase::Lift || lands && phase == Phase::Seek;
+            phase == Phase::Seek && !lands
+        };
         // A controller that holds the arm after the end reports no progress any more.
         let progress = task
             .cycles
@@ -46,7 +53,7 @@ impl Events {
             verdict: Verdict::of(last.sample.phase, progress),
             progress: Some(progress),
             pauses: periods(task, |cycle| cycle.control.paused),
-            seeks: periods(task, |cycle| cycle.sample.phase == Phase::Seek),
+            seeks: periods(task, &mut seeks),
             tares: periods(task, |cycle| cycle.sample.phase == Phase::Tare),
         }
     }
@@ -85,7 +92,7 @@ impl Events {
 }
 
 /// Periods of consecutive cycles for which `holds`.
-fn periods(task: &TaskRun<'_>, holds: impl Fn(&Cycle<'_>) -> bool) -> Vec<Period> {
+fn periods(task: &TaskRun<'_>, mut holds: impl FnMut(&Cycle<'_>) -> bool) -> Vec<Period> {
     let mut found: Vec<Period> = Vec::new();
     let mut open = false;
     for cycle in &task.cycles {

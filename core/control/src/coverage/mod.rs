@@ -23,6 +23,9 @@ use round::{Planner, RoundRules, STROKES_MAX};
 pub use result::CoverageResult;
 pub use spec::CoverageSpec;
 
+/// Share of the first round in the progress of a task.
+const FIRST_ROUND: f64 = 0.9;
+
 /// Coverage of one task: the grid, and the rounds so far. Making one allocates; running it does
 /// not.
 #[derive(Clone, Debug)]
@@ -108,6 +111,20 @@ impl Coverage {
             && !planner.step(&mut self.grid, &self.rules, path)
         {
             self.planner = None;
+        }
+    }
+
+    /// Progress of the task, 0 to 1, at `progress` of the path of the present round. It reaches 1
+    /// only at the end of the last round.
+    pub(crate) fn progress(&self, progress: f64) -> f64 {
+        if self.done {
+            return progress;
+        }
+        // Each further round takes half of what is left.
+        let further = 1.0 - FIRST_ROUND;
+        match self.shares.len() {
+            0 => FIRST_ROUND * progress,
+            before => 1.0 - further * 0.5_f64.powi(before as i32 - 1) * (1.0 - 0.5 * progress),
         }
     }
 

@@ -47,12 +47,18 @@ fn follow(coverage: &mut Coverage, path: &Path, time_s: &mut f64) -> Vector2<f64
 /// Runs all rounds.
 fn run(task: &Task) -> CoverageResult {
     let (mut coverage, mut path) = coverage(task);
-    let mut time_s = 0.0;
+    let (mut time_s, mut progress) = (0.0, 0.0);
+    assert_eq!(coverage.progress(0.0), 0.0);
     loop {
         let end = follow(&mut coverage, &path, &mut time_s);
+        let ended = coverage.progress(1.0);
+        assert!(ended > progress && ended < 1.0, "{progress} {ended}");
+        progress = ended;
         if !coverage.end_round(end, &mut path) {
+            assert_eq!(coverage.progress(1.0), 1.0);
             return coverage.result();
         }
+        assert!((coverage.progress(0.0) - progress).abs() < 1e-12);
         while coverage.is_planning() {
             coverage.plan(&mut path);
         }

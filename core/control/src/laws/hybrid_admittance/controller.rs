@@ -653,7 +653,10 @@ impl<const N: usize> Controller<N> {
             } else {
                 hold.path_reference
             },
-            path_progress: run.tracking.progress(&program.path),
+            path_progress: {
+                let progress = run.tracking.progress(&program.path);
+                (self.coverage.as_ref()).map_or(progress, |c| c.progress(progress))
+            },
             estimate_age_s: estimate_age.unwrap_or(-1.0),
             contact_lost_count: run.lost_count,
             in_contact: active && run.in_contact,
