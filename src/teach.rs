@@ -1,5 +1,5 @@
-//! `tangent teach`: the arm is guided by hand, points and strokes are taken with keys, and a task file
-//! is written.
+//! `tangent teach`: the arm is guided by hand, points and strokes are taken with keys, and a task
+//! file is written.
 
 use std::fs;
 use std::io::{BufRead, IsTerminal, stdin};

@@ -1,5 +1,5 @@
-//! `tangent teach` on a cell of processes: a hand guides the simulated arm, keys take what it shows,
-//! and the task that is written runs from another pose.
+//! `tangent teach` on a cell of processes: a hand guides the simulated arm, keys take what it
+//! shows, and the task that is written runs from another pose.
 
 use std::io::Write;
 use std::process::{Child, Output, Stdio};

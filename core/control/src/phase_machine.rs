@@ -20,10 +20,11 @@
 //!   done or fault <────────────────────────────── retract
 //! ```
 //!
-//! A stop or a fault leads from every phase to `retract`; from `tare`, `clear` and `travel`, in which
-//! nothing is touched, straight to the end. `hold` also stands in for a phase in which the wrench is
-//! missing. A task with a start pose first goes through `travel`, after `clear` if there is doubt, and
-//! one with a home pose goes through it again after `retract`. Which law takes which path, and when, is in the law's own folder.
+//! A stop or a fault leads from every phase to `retract`; from `tare`, `clear` and `travel`, in
+//! which nothing is touched, straight to the end. `hold` also stands in for a phase in which the
+//! wrench is missing. A task with a start pose first goes through `travel`, after `clear` if there
+//! is doubt, and one with a home pose goes through it again after `retract`. Which law takes which
+//! path, and when, is in the law's own folder.
 
 /// Phase of a task. The numeric value is `ControlState.phase`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

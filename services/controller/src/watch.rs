@@ -161,7 +161,8 @@ impl<P> Watch<P> {
     }
 
     /// Stores what must outlast this process. In phases `Tare`, `Clear` and `Travel`, in which the
-    /// tool moves off, travels to its start and is tared, the value stored at the start stays: that it may touch something.
+    /// tool moves off, travels to its start and is tared, the value stored at the start stays: that
+    /// it may touch something.
     fn keep_in_mind(&mut self, told: &Told) {
         if matches!(told.phase, Phase::Tare | Phase::Clear | Phase::Travel) {
             self.clearance = None;

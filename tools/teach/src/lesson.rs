@@ -1,5 +1,5 @@
-//! What a person shows: points and strokes, taken by keys. Pure: keys and poses go in, words for the
-//! person come out.
+//! What a person shows: points and strokes, taken by keys. Pure: keys and poses go in, words for
+//! the person come out.
 
 use tangent_mechanics::{Base, Pose, Tool};
 

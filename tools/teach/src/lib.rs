@@ -1,8 +1,9 @@
 //! A task from poses of the arm that a person shows by hand.
 //!
-//! [`Guide`] keeps the arm free to be moved, [`ArmReader`] reads where it stands, [`Lesson`] collects
-//! points and strokes by keys, and [`draft`] makes a task file of them: a path in the plane of the
-//! first point, and the start pose above it. `tangent teach` reads the keys and writes the file.
+//! [`Guide`] keeps the arm free to be moved, [`ArmReader`] reads where it stands, [`Lesson`]
+//! collects points and strokes by keys, and [`draft`] makes a task file of them: a path in the
+//! plane of the first point, and the start pose above it. `tangent teach` reads the keys and writes
+//! the file.
 
 mod arm_reader;
 mod draft;

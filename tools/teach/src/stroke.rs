@@ -1,5 +1,5 @@
-//! Simplifies a stroke: Ramer-Douglas-Peucker, so that no sample is further from the result than the
-//! tolerance.
+//! Simplifies a stroke: Ramer-Douglas-Peucker, so that no sample is further from the result than
+//! the tolerance.
 
 use nalgebra::Vector2;
 

@@ -1,4 +1,5 @@
-//! Where the arm starts a task, and where it stands after it: `[start]` and `[home]` of a task file.
+//! Where the arm starts a task, and where it stands after it: `[start]` and `[home]` of a task
+//! file.
 
 use serde::{Deserialize, Serialize};
 

@@ -265,8 +265,8 @@ pub trait TableCell: Sized {
         assert_eq!(self.phase(), next, "{what}");
     }
 
-    /// Asserts that the tool slides for a number of cycles in `cycles`, and then retracts because of
-    /// the wrench.
+    /// Asserts that the tool slides for a number of cycles in `cycles`, and then retracts because
+    /// of the wrench.
     fn assert_retracts_within(
         &mut self,
         what: &str,
