@@ -4,7 +4,7 @@
 use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
-use crate::common::{json, wait_for};
+use crate::common::{json, stderr, wait_for};
 use tangent_live::{live, live_beside_others};
 
 const COMPOSED: [&str; 2] = ["router simulator netft estimator", "rtde controller"];
@@ -136,6 +136,17 @@ fn a_franka_reports_what_its_interface_does_not_support() {
                 refused["message"].as_str().unwrap().contains("Desk"),
                 "{refused}"
             );
+        }
+        // It is guided with its own buttons; its poses can be taken.
+        let taught = cell.cli(&["teach", "shown"]);
+        assert_eq!(taught.status.code(), Some(1));
+        let said = stderr(&taught);
+        for words in [
+            "hold both buttons",
+            "Enter: point",
+            "input ended before `d`",
+        ] {
+            assert!(said.contains(words), "{words}: {said}");
         }
     });
 }
