@@ -192,7 +192,7 @@ impl Run {
     }
 
     /// Whether the tool may explore while the force still builds up: it presses, the first force
-    /// has settled, and the stiffness, which is learnt only while it stands, is known.
+    /// has settled, and the stiffness, which is learnt only while the tool stands, is known.
     fn may_explore(&self, config: &ControllerConfig, percept: &Percept) -> bool {
         let pressing_n = EXPLORE_FORCE_N.max(config.contact.noise_n);
         !self.paused
