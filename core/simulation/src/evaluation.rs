@@ -37,6 +37,7 @@ pub struct Evaluation {
     /// Figures of scenarios of kind `visuo_tactile` only.
     pub tactile: Option<VisuoTactileFigures>,
     /// Dose over the region, of tasks with `[coverage]` only.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<CoverageResult>,
     /// Always null here; only a live run has it.
     pub r#loop: Option<()>,
