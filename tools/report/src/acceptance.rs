@@ -74,9 +74,7 @@ impl Judged {
 /// Tolerances in the task file of this task; empty if the recording has none.
 pub(crate) fn tolerances(run: &Run, task: &TaskRun<'_>) -> Tolerances {
     let of_file = || {
-        let activation = task.cycles.last()?.control.activation;
-        let text = run.attachments.get(&format!("task-{activation}.toml"))?;
-        let table: toml::Table = text.parse().ok()?;
+        let table = task.file(run)?;
         table.get("tolerances")?.clone().try_into().ok()
     };
     of_file().unwrap_or_default()

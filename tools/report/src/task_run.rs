@@ -105,6 +105,13 @@ impl<'a> TaskRun<'a> {
         }
     }
 
+    /// Task file of this task; `None` if the recording has none.
+    pub fn file(&self, run: &Run) -> Option<toml::Table> {
+        let activation = self.cycles.last()?.control.activation;
+        let text = run.attachments.get(&format!("task-{activation}.toml"))?;
+        text.parse().ok()
+    }
+
     /// The cycles on the path and at rest at its end, in contact.
     pub fn sliding(&self) -> Vec<&Cycle<'a>> {
         let slides = |c: &&Cycle<'_>| matches!(c.sample.phase, Phase::Slide | Phase::Hold);

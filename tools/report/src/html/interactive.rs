@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
+use tangent_control::CoverageSpec;
 use tangent_mechanics::{Base, Pose, Tip, Tool, World};
 use tangent_page_libraries::{UPLOT, UPLOT_STYLE};
 use tangent_runtime::CellConfig;
@@ -114,8 +115,13 @@ pub(super) fn surface(run: &Run, task: &TaskRun<'_>) -> String {
     }
     let cell_file = cell_file(run);
     let tip = (cell_file.as_ref()).map_or(Tip::Unknown, |cell| cell.tool.tip.tip());
-    let band = cell_file.and_then(|cell| cell.ui.dose_band_n_s_per_cm2);
-    let map = dose(task, &tip);
+    let coverage = coverage(run, task);
+    let band = coverage
+        .as_ref()
+        .and_then(|coverage| coverage.dose_n_s_per_cm2)
+        .or_else(|| cell_file.and_then(|cell| cell.ui.dose_band_n_s_per_cm2));
+    let radius_m = coverage.map_or_else(|| cover_radius_m(&tip), |coverage| coverage.radius_m);
+    let map = dose(task, &tip, radius_m);
     let stride = sliding.len().div_ceil(PATH_POINTS);
     let shown: Vec<&Cycle<'_>> = sliding.iter().step_by(stride).copied().collect();
     let of = |value: &dyn Fn(&Cycle<'_>) -> Option<f64>| -> Vec<Value> {
@@ -192,9 +198,14 @@ fn cell_file(run: &Run) -> Option<CellConfig> {
     CellConfig::parse("cell.toml", run.attachments.get("cell.toml")?).ok()
 }
 
+/// `[coverage]` of the task.
+fn coverage(run: &Run, task: &TaskRun<'_>) -> Option<CoverageSpec> {
+    task.file(run)?.get("coverage")?.clone().try_into().ok()
+}
+
 /// Dose of the whole task.
-fn dose(task: &TaskRun<'_>, tip: &Tip) -> DoseMap {
-    let mut map = DoseMap::new(cover_radius_m(tip));
+fn dose(task: &TaskRun<'_>, tip: &Tip, radius_m: f64) -> DoseMap {
+    let mut map = DoseMap::new(radius_m);
     for pair in task.cycles.windows(2) {
         let [before, now] = [&pair[0], &pair[1]];
         let Ok(base_from_tool) = Pose::<Base, Tool>::try_from(&now.arm.tool_pose) else {
