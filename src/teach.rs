@@ -93,10 +93,10 @@ fn teach(
     let options = DraftOptions {
         name: &args.name,
         shown_on: &shown_on,
-        shape: if args.polygon {
-            Shape::Polygon
-        } else {
-            Shape::Open
+        shape: match args.spacing_m {
+            Some(spacing_m) => Shape::Region { spacing_m },
+            None if args.polygon => Shape::Polygon,
+            None => Shape::Open,
         },
         force_n: args.force_n,
         speed_m_per_s: args.speed,

@@ -13,9 +13,12 @@ pub struct Teach {
     /// Through the points, in their order (the default).
     #[arg(long, group = "shape")]
     pub points: bool,
-    /// A region's outline: the path returns to its first point.
+    /// Along an outline: the path returns to its first point.
     #[arg(long, group = "shape")]
     pub polygon: bool,
+    /// Fill the region inside the outline with rows, this far apart, m: 0.0005 to 0.5.
+    #[arg(long, value_name = "M", requires = "polygon", value_parser = spacing)]
+    pub spacing_m: Option<f64>,
     /// Along a stroke: Enter begins and ends one too.
     #[arg(long, group = "shape")]
     pub stroke: bool,
@@ -51,6 +54,10 @@ fn name(text: &str) -> Result<String, String> {
 
 fn clearance(text: &str) -> Result<f64, String> {
     within(text, 0.005, 0.3)
+}
+
+fn spacing(text: &str) -> Result<f64, String> {
+    within(text, 0.0005, 0.5)
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {

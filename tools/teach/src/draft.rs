@@ -20,13 +20,18 @@ const UNEVEN_M: f64 = 0.01;
 const BELOW_M: f64 = 0.03;
 
 /// Shape of the path.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Shape {
     /// Through the points and along the strokes, in the order in which they were shown.
     #[default]
     Open,
-    /// A region's outline: back to the first point at the end.
+    /// Along an outline: back to the first point at the end.
     Polygon,
+    /// The region inside an outline, filled with rows.
+    Region {
+        /// Distance between the rows, m.
+        spacing_m: f64,
+    },
 }
 
 /// What the file states besides what was shown.
@@ -176,7 +181,7 @@ fn check(places: &[Vector2<f64>], shape: Shape) -> Result<(), TeachError> {
         1 => "one place was".to_owned(),
         count => format!("{count} places were"),
     };
-    if shape == Shape::Polygon {
+    if shape != Shape::Open {
         let twice_area: f64 = (0..places.len())
             .map(|i| places[i].perp(&places[(i + 1) % places.len()]))
             .sum();
@@ -232,16 +237,33 @@ fn text(
     start_joints_rad: &[f64],
 ) -> String {
     let (points, strokes) = lesson.counts();
-    let outline = if options.shape == Shape::Polygon {
-        ", closed to an outline"
-    } else {
-        ""
+    let written = |places: &[Vector2<f64>]| -> String {
+        let line = |place: &Vector2<f64>| {
+            format!("    [{}, {}],\n", rounded(place.x, 4), rounded(place.y, 4))
+        };
+        places.iter().map(line).collect()
     };
-    // The path begins where the tool touches down: the first place is not written.
-    let written: Vec<String> = places[1..]
-        .iter()
-        .map(|place| format!("    [{}, {}],\n", rounded(place.x, 4), rounded(place.y, 4)))
-        .collect();
+    let (outline, path) = match options.shape {
+        Shape::Region { spacing_m } => (
+            ", around a region",
+            format!(
+                "kind = \"region\"\nspacing_m = {spacing_m:?}\noutline_m = [\n{}]\n",
+                written(places)
+            ),
+        ),
+        // The path begins where the tool touches down: the first place is not written.
+        shape => (
+            if shape == Shape::Polygon {
+                ", closed to an outline"
+            } else {
+                ""
+            },
+            format!(
+                "kind = \"waypoints\"\npoints_m = [\n{}]\n",
+                written(&places[1..])
+            ),
+        ),
+    };
     let mut text = format!(
         "# Shown by hand on {}: {points} points and {strokes} strokes{outline}.\n\
          name = {}\n\
@@ -253,15 +275,13 @@ fn text(
          x_axis = \"tool_x\"\n\n\
          # Relative to the first place, at which the tool touches down.\n\
          [path]\n\
-         kind = \"waypoints\"\n\
          speed_m_per_s = {:?}\n\
-         points_m = [\n{}]\n",
+         {path}",
         options.shown_on.replace(['\n', '\r'], " "),
         quoted(options.name),
         options.force_n,
         options.clearance_m + BELOW_M,
         options.speed_m_per_s,
-        written.concat(),
     );
     if !start_joints_rad.is_empty() {
         text += &format!(

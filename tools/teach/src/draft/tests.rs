@@ -114,6 +114,25 @@ fn an_outline_is_closed_and_needs_an_area() {
 }
 
 #[test]
+fn an_outline_is_filled_and_must_not_cross_itself() {
+    let region = |o: &mut DraftOptions<'_>| o.shape = Shape::Region { spacing_m: 0.008 };
+    let mut teacher = Teacher::new();
+    for (x, y) in [(0.0, 0.0), (0.05, 0.0), (0.05, 0.04), (0.0, 0.04)] {
+        teacher.point(x, y);
+    }
+    let draft = teacher.draft(region).unwrap();
+    let PathSpec::Region(found) = &draft.task.path else {
+        panic!("{}", draft.text);
+    };
+    assert_eq!(found.spacing_m, 0.008);
+    let outline = [[0.0, 0.0], [0.05, 0.0], [0.05, 0.04], [0.0, 0.04]];
+    assert_eq!(found.outline_m, outline);
+    teacher.point(0.06, 0.01);
+    let error = teacher.draft(region).unwrap_err().to_string();
+    assert!(error.contains("outline_m"), "{error}");
+}
+
+#[test]
 fn a_stroke_keeps_its_shape_and_few_points() {
     let mut teacher = Teacher::new();
     let first = teacher.at(0.0, 0.0, 0.0);
