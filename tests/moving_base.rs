@@ -15,15 +15,15 @@ use tangent_schemas::cdr;
 use tangent_schemas::standard::TFMessage;
 
 const SCENARIO: &str = "pipe_moving_base";
-/// Largest relative deviation of the force while the base moves.
-const SHARE: f64 = 0.15;
+/// Largest relative deviation of the force while the base moves: RMS, and for 95 % of the time.
+const SHARES: [f64; 2] = [0.15, 0.18];
 
 /// Figures of a live run that are beyond their bounds.
 fn beyond(live: &Value) -> Vec<String> {
     let reference = number(live, "/force/reference_n");
     [
-        ("/force/rmse_n", SHARE * reference),
-        ("/force/p95_abs_error_n", SHARE * reference),
+        ("/force/rmse_n", SHARES[0] * reference),
+        ("/force/p95_abs_error_n", SHARES[1] * reference),
         ("/contact/lost_count", 0.0),
         ("/normal_error_settled_deg/rmse", 3.0),
         ("/path/rmse_m", 1e-3),
