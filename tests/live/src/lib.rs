@@ -56,8 +56,8 @@ pub fn live(test: impl Fn()) {
     verdict(test, |_| Place::alone(), Watch::start, Watch::end, say);
 }
 
-/// Runs the test beside other tests of this kind, at most three on two cores. For a cell that needs
-/// less than half a core. A repeated run is alone on the machine, as in [`live`].
+/// Runs the test beside other tests of this kind, at most one per core of this machine. For a cell
+/// that needs less than half a core. A repeated run is alone on the machine, as in [`live`].
 pub fn live_beside_others(test: impl Fn()) {
     let place = |run| match run {
         1 => Place::shared(Some(beside_others())),
@@ -190,10 +190,9 @@ fn places(take: impl Fn() -> Vec<File>) -> Places {
     }
 }
 
-/// Number of places: three on two cores.
+/// Number of places: one per core.
 fn places_count() -> usize {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    cores + cores / 2
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn lock_file(name: &str) -> File {
