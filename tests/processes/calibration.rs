@@ -3,12 +3,13 @@
 use std::io::Write;
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Output, Stdio};
+use std::process::Output;
 
 use serde_json::Value;
 
 use crate::cell::{Cell, Observer, PATIENCE};
-use crate::common::{json, number, stderr, tangent, wait_for};
+use crate::common::{json, number, stderr, wait_for};
+use crate::terminal::Terminal;
 use tangent_live::live_beside_others;
 
 /// Wrist joint positions, rad: turned up, down and to all sides, well above the surface; the first
@@ -52,28 +53,15 @@ fn move_to(cell: &Cell, observer: &Observer, wrist: [f64; 3]) {
 
 /// A person at the terminal, who presses Enter at every pose.
 struct Person {
-    child: Child,
+    terminal: Terminal,
     asked: usize,
-    log: std::path::PathBuf,
 }
 
 impl Person {
     fn start(cell: &Cell, args: &[&str]) -> Self {
-        let log = cell.file().with_file_name("calibrate.log");
-        let file = std::fs::File::create(&log).unwrap();
-        let child = tangent()
-            .args(["calibrate", "payload", "--json", "--cell"])
-            .arg(cell.file())
-            .args(args)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(file)
-            .spawn()
-            .unwrap();
         Self {
-            child,
+            terminal: Terminal::start(cell, &["calibrate", "payload"], args),
             asked: 0,
-            log,
         }
     }
 
@@ -81,19 +69,17 @@ impl Person {
     fn asked(&mut self) {
         self.asked += 1;
         wait_for("the next pose is asked for", PATIENCE, || {
-            let said = std::fs::read_to_string(&self.log).unwrap();
+            let said = self.terminal.said();
             (said.matches("then press Enter").count() >= self.asked).then_some(())
         });
     }
 
     fn enter(&mut self) {
-        self.child.stdin.as_mut().unwrap().write_all(b"\n").unwrap();
+        self.terminal.enter("");
     }
 
-    fn ended(mut self) -> (Output, String) {
-        drop(self.child.stdin.take());
-        let output = self.child.wait_with_output().unwrap();
-        (output, std::fs::read_to_string(&self.log).unwrap())
+    fn ended(self) -> (Output, String) {
+        self.terminal.ended()
     }
 }
 

@@ -20,4 +20,5 @@ mod requests;
 mod restarts;
 mod robot;
 mod teach;
+mod terminal;
 mod topics;

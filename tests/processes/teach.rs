@@ -1,8 +1,7 @@
 //! `tangent teach` on a cell of processes: a hand guides the simulated arm, keys take what it
 //! shows, and the task that is written runs from another pose.
 
-use std::io::Write;
-use std::process::{Child, Output, Stdio};
+use std::process::Output;
 
 use nalgebra::Vector3;
 use tangent_control::Task;
@@ -11,52 +10,35 @@ use tangent_runtime::clock;
 use tangent_schemas::tangent::ArmState;
 
 use crate::cell::{Cell, Observer, PATIENCE};
-use crate::common::{json, stderr, tangent, wait_for};
+use crate::common::{json, stderr, wait_for};
+use crate::terminal::Terminal;
 use tangent_live::live_beside_others;
 
 /// A person who guides the arm with one hand and presses keys with the other.
 struct Person<'a> {
     cell: &'a Cell,
     observer: &'a Observer,
-    child: Child,
-    log: std::path::PathBuf,
+    terminal: Terminal,
 }
 
 impl<'a> Person<'a> {
     fn start(cell: &'a Cell, observer: &'a Observer, args: &[&str]) -> Self {
-        let log = cell.file().with_file_name("teach.log");
-        let file = std::fs::File::create(&log).unwrap();
-        let child = tangent()
-            .args(["teach", "--json", "--cell"])
-            .arg(cell.file())
-            .args(args)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(file)
-            .spawn()
-            .unwrap();
         Self {
             cell,
             observer,
-            child,
-            log,
+            terminal: Terminal::start(cell, &["teach"], args),
         }
-    }
-
-    fn said(&self) -> String {
-        std::fs::read_to_string(&self.log).unwrap()
     }
 
     /// Waits for these words of the command.
     fn hears(&self, words: &str) {
         wait_for(words, PATIENCE, || {
-            self.said().contains(words).then_some(())
+            self.terminal.said().contains(words).then_some(())
         });
     }
 
     fn key(&mut self, key: &str, answer: &str) {
-        let stdin = self.child.stdin.as_mut().unwrap();
-        stdin.write_all(format!("{key}\n").as_bytes()).unwrap();
+        self.terminal.enter(key);
         self.hears(answer);
     }
 
@@ -82,11 +64,8 @@ impl<'a> Person<'a> {
         });
     }
 
-    fn ended(mut self) -> (Output, String) {
-        drop(self.child.stdin.take());
-        let output = self.child.wait_with_output().unwrap();
-        let said = std::fs::read_to_string(&self.log).unwrap();
-        (output, said)
+    fn ended(self) -> (Output, String) {
+        self.terminal.ended()
     }
 }
 
@@ -208,8 +187,8 @@ fn a_teacher_who_disappears_leaves_an_arm_that_holds_itself() {
             "{}",
             stderr(&second)
         );
-        person.child.kill().unwrap();
+        person.terminal.child.kill().unwrap();
         until(&observer, "held", |arm| arm.ready);
-        drop(person.child.wait());
+        drop(person.terminal.child.wait());
     });
 }

@@ -110,6 +110,12 @@ impl Phase {
     pub fn is_pressing(self) -> bool {
         matches!(self, Self::Contact | Self::Slide | Self::Hold)
     }
+
+    /// Whether the tool is meant to touch nothing while the sensor may not be tared yet: the force
+    /// then says nothing about a surface.
+    pub fn is_before_approach(self) -> bool {
+        matches!(self, Self::Tare | Self::Clear | Self::Travel)
+    }
 }
 
 #[cfg(test)]

@@ -164,7 +164,7 @@ impl<P> Watch<P> {
     /// tool moves off, travels to its start and is tared, the value stored at the start stays: that
     /// it may touch something.
     fn keep_in_mind(&mut self, told: &Told) {
-        if matches!(told.phase, Phase::Tare | Phase::Clear | Phase::Travel) {
+        if told.phase.is_before_approach() {
             self.clearance = None;
             return;
         }

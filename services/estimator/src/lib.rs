@@ -310,9 +310,7 @@ impl Trouble {
 /// if no task runs.
 fn wrench_of_law(control: &ControlState) -> (WrenchStamped, WrenchStatus) {
     let phase = Phase::from_code(control.phase).unwrap_or_default();
-    let usable = phase.is_active()
-        && !matches!(phase, Phase::Tare | Phase::Clear | Phase::Travel)
-        && control.force_n.is_finite();
+    let usable = phase.is_active() && !phase.is_before_approach() && control.force_n.is_finite();
     let wrench = WrenchStamped {
         header: control.header.clone(),
         wrench: control.wrench.clone(),

@@ -2,98 +2,15 @@
 //! cycle in which it takes it, so that the outcome is known.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
 
-use crossbeam_queue::ArrayQueue;
 use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::{Asked, Bus, BusError, Handle, Lane};
 use tangent_schemas::tangent::Answer;
 
-use crate::bridge::{Bridge, GuideRefusal};
-use crate::guiding::{GuideEnd, KEEP_ALIVE_S};
+use crate::guide_mailbox::{Guide, GuideMailbox, Outcome};
+use crate::guiding::KEEP_ALIVE_S;
 use crate::queries;
 use crate::shared::Shared;
-
-/// Time for which the loop's answer is waited for: several cycles of the slowest robot.
-const ANSWER: Duration = Duration::from_millis(300);
-/// Interval at which the answer is looked for.
-const LOOK: Duration = Duration::from_millis(2);
-
-/// A request of a client that guides the arm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Guide {
-    Begin,
-    Keep,
-    End,
-    /// Whether the arm is guided; without effect.
-    Look,
-}
-
-/// What became of it.
-#[derive(Clone, Copy, Debug)]
-enum Outcome {
-    Done,
-    Refused(GuideRefusal),
-    /// There is nothing to keep: guiding has ended.
-    Ended(GuideEnd),
-}
-
-/// Requests to the loop and its answers, one at a time, without a lock.
-#[derive(Debug)]
-pub(crate) struct GuideMailbox {
-    requests: ArrayQueue<Guide>,
-    answers: ArrayQueue<Outcome>,
-}
-
-impl Default for GuideMailbox {
-    fn default() -> Self {
-        Self {
-            requests: ArrayQueue::new(1),
-            answers: ArrayQueue::new(1),
-        }
-    }
-}
-
-impl GuideMailbox {
-    /// Answers a request that waits, if any. Called by the loop in each cycle.
-    pub fn serve(&self, bridge: &mut Bridge, now_s: f64) {
-        let Some(request) = self.requests.pop() else {
-            return;
-        };
-        let outcome = match request {
-            Guide::Keep | Guide::Look if !bridge.guiding().is_asked() => {
-                Outcome::Ended(bridge.guiding().ended())
-            }
-            Guide::Look => Outcome::Done,
-            Guide::Begin | Guide::Keep => match bridge.guide(now_s) {
-                Ok(()) => Outcome::Done,
-                Err(refusal) => Outcome::Refused(refusal),
-            },
-            Guide::End => {
-                bridge.end_guiding();
-                Outcome::Done
-            }
-        };
-        self.answers.force_push(outcome);
-    }
-
-    /// Passes a request to the loop; `None`: the loop did not take it, as no packets arrive.
-    fn ask(&self, request: Guide) -> Option<Outcome> {
-        let _ = self.answers.pop();
-        self.requests.force_push(request);
-        let until = Instant::now() + ANSWER;
-        loop {
-            if let Some(outcome) = self.answers.pop() {
-                return Some(outcome);
-            }
-            let late = Instant::now().saturating_duration_since(until);
-            if late > ANSWER || (!late.is_zero() && self.requests.pop().is_some()) {
-                return None;
-            }
-            std::thread::sleep(LOOK);
-        }
-    }
-}
 
 /// Starts to answer requests.
 pub(crate) fn answers(bus: &Bus, shared: &Arc<Shared>) -> Result<Handle, BusError> {

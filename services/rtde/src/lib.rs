@@ -27,6 +27,7 @@ mod bridge_tests;
 pub mod codec;
 mod cycle;
 pub mod dashboard;
+mod guide_mailbox;
 mod guide_requests;
 pub mod guiding;
 pub mod inquiry;

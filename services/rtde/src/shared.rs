@@ -9,7 +9,7 @@ use crossbeam_queue::ArrayQueue;
 use tangent_runtime::robot_loop::Notes;
 
 use crate::codec::{Series, TextMessage};
-use crate::guide_requests::GuideMailbox;
+use crate::guide_mailbox::GuideMailbox;
 
 /// Request to send the program to the robot.
 #[derive(Clone, Copy, Debug)]

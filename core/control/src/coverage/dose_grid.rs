@@ -6,7 +6,7 @@
 
 use nalgebra::{Rotation2, Vector2};
 
-use super::round::RoundRules;
+use super::rules::RoundRules;
 use crate::error::ControlError;
 use crate::task::region::Region;
 

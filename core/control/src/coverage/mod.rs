@@ -10,6 +10,7 @@
 mod dose_grid;
 mod result;
 mod round;
+mod rules;
 mod spec;
 
 use nalgebra::Vector2;
@@ -18,7 +19,8 @@ use crate::error::ControlError;
 use crate::task::Task;
 use crate::task::path::{Path, PathSpec};
 use dose_grid::DoseGrid;
-use round::{Planner, RoundRules, STROKES_MAX};
+use round::{Planner, STROKES_MAX};
+use rules::RoundRules;
 
 pub use result::CoverageResult;
 pub use spec::CoverageSpec;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::dose_grid::DoseGrid;
-use super::round::RoundRules;
+use super::rules::RoundRules;
 
 /// Coverage of a region.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -6,6 +6,7 @@
 use nalgebra::Vector2;
 
 use super::dose_grid::DoseGrid;
+use super::rules::RoundRules;
 use crate::task::path::{Path, StrokeWay};
 
 /// Most strokes of a round.
@@ -21,20 +22,6 @@ const NEAR_RADII: f64 = 3.0;
 const FILL: f64 = 1.5;
 /// Slowest stroke, as a share of the path's speed.
 const SLOWEST_SHARE: f64 = 0.3;
-
-/// What rounds aim at, and with which force and speed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct RoundRules {
-    /// Least and most dose, N*s/cm²; `None`: passes are counted.
-    pub band: Option<[f64; 2]>,
-    /// Least number of passes.
-    pub passes: u32,
-    pub force_n: f64,
-    pub speed_m_per_s: f64,
-    pub radius_m: f64,
-    /// Bounds of the acceleration, m/s², and jerk, m/s³.
-    pub bounds: (f64, f64),
-}
 
 /// A stroke on the grid: from a cell along an axis.
 #[derive(Clone, Copy, Debug)]

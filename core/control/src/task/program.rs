@@ -42,12 +42,19 @@ pub struct Program<C = ControllerConfig> {
     pub path: Path,
     /// Estimators by order of preference.
     pub estimators: EstimatorNames,
+    /// What is used and changed while the program runs.
+    pub(crate) memory: RunMemory,
+}
+
+/// What a program allocates for its run, and the law uses and changes meanwhile.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RunMemory {
     /// What earlier passes learnt, and the record of this one; `None` if the task does not learn.
     pub learner: Option<Box<Learner>>,
     /// Room for what the tool feels of the surface; `None` if it never lifts off.
-    pub(crate) chart: Option<Box<SurfaceChart>>,
+    pub chart: Option<Box<SurfaceChart>>,
     /// Dose over the region and the rounds; `None` without `[coverage]`.
-    pub(crate) coverage: Option<Box<Coverage>>,
+    pub coverage: Option<Box<Coverage>>,
 }
 
 impl<C: LawConfig> Program<C> {
@@ -97,9 +104,11 @@ impl<C: LawConfig> Program<C> {
             config,
             path,
             estimators,
-            learner,
-            chart,
-            coverage,
+            memory: RunMemory {
+                learner,
+                chart,
+                coverage,
+            },
         })
     }
 
@@ -114,7 +123,7 @@ impl<C: LawConfig> Program<C> {
     /// # Errors
     /// The memory is of another path. The program is then unchanged, and learns anew.
     pub fn remember(&mut self, memory: Memory) -> Result<(), MemoryError> {
-        if let (Some(spec), Some(learner)) = (&self.task.learning, &mut self.learner) {
+        if let (Some(spec), Some(learner)) = (&self.task.learning, &mut self.memory.learner) {
             memory.check_path(&self.path)?;
             **learner = Learner::new(spec.clone(), memory);
         }
@@ -188,7 +197,7 @@ mod tests {
                     path = { kind = \"stay\", duration_s = 1.0 }";
         let task: Task = text.parse().unwrap();
         let program = Program::new(&task, &ControllerConfig::default()).unwrap();
-        assert!(program.learner.is_some());
+        assert!(program.memory.learner.is_some());
         let error = Program::with_config(&task, HybridDynamicsConfig::default()).unwrap_err();
         let error = error.to_string();
         assert!(

@@ -11,7 +11,6 @@ use super::motion::{Learning, ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
 use super::percept::{Percept, Requests};
 use super::run::Run;
-use super::surface_chart::SurfaceChart;
 use super::travel::{Travel, TravelPoses};
 use crate::contact::alignment::alignment_error;
 use crate::coverage::Coverage;
@@ -19,7 +18,7 @@ use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
 use crate::joint_move;
-use crate::learning::{EndedPass, Learner};
+use crate::learning::EndedPass;
 use crate::leaving::clearance::Clearance;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::{is_arm_state, is_place, is_time, is_velocity};
@@ -28,7 +27,7 @@ use crate::parameters::law_config::LawConfig;
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::Task;
-use crate::task::program::{EstimatorName, EstimatorNames, Program};
+use crate::task::program::{EstimatorName, EstimatorNames, Program, RunMemory};
 use tangent_schemas::CommandKind;
 
 /// Speed scaling of the robot above which the arm carries out the commands as they are.
@@ -103,13 +102,9 @@ pub struct Controller<const N: usize = 6> {
     config: ControllerConfig,
     program: Option<Program>,
     /// The program's own, moved here while it runs.
-    learner: Option<Box<Learner>>,
+    memory: RunMemory,
     /// Start pose and home of the program.
     poses: TravelPoses<N>,
-    /// The program's own, moved here while it runs.
-    chart: Option<Box<SurfaceChart>>,
-    /// The program's own, moved here while it runs.
-    coverage: Option<Box<Coverage>>,
     names: EstimatorNames,
     activation: u64,
     requests: Requests,
@@ -141,10 +136,8 @@ impl<const N: usize> Controller<N> {
             limits,
             config,
             program: None,
-            learner: None,
+            memory: RunMemory::default(),
             poses: TravelPoses::default(),
-            chart: None,
-            coverage: None,
             names: EstimatorNames::new(),
             activation: 0,
             requests: Requests::default(),
@@ -195,14 +188,11 @@ impl<const N: usize> Controller<N> {
             self.config.alignment.gain_per_s,
             self.config.force.damping_n_s_per_m,
         ];
-        let learner = std::mem::replace(&mut self.learner, program.learner.take());
-        let chart = std::mem::replace(&mut self.chart, program.chart.take());
-        let coverage = std::mem::replace(&mut self.coverage, program.coverage.take());
+        let new = std::mem::take(&mut program.memory);
+        let old = std::mem::replace(&mut self.memory, new);
         let mut before = self.program.replace(program);
         if let Some(before) = &mut before {
-            before.learner = learner;
-            before.chart = chart;
-            before.coverage = coverage;
+            before.memory = old;
         }
         Ok(before)
     }
@@ -215,14 +205,14 @@ impl<const N: usize> Controller<N> {
         }
         let program = self.program.as_ref()?;
         let completed = self.run.fault.is_none() && self.run.tracking.is_finished(&program.path);
-        let learner = self.learner.take()?;
+        let learner = self.memory.learner.take()?;
         Some(EndedPass { learner, completed })
     }
 
     /// Dose over the region of the running or last task, and its rounds so far; `None` without
     /// `[coverage]`.
     pub fn coverage(&self) -> Option<&Coverage> {
-        self.coverage.as_deref()
+        self.memory.coverage.as_deref()
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).
@@ -416,7 +406,7 @@ impl<const N: usize> Controller<N> {
         if self.run.phase.is_active() && !input.arm_ready {
             self.run.abort(Fault::ArmNotReady);
         }
-        if let (Some(coverage), Some(program)) = (&mut self.coverage, &mut self.program) {
+        if let (Some(coverage), Some(program)) = (&mut self.memory.coverage, &mut self.program) {
             self.run.next_round(coverage, &mut program.path);
         }
         let (Some(program), true) = (&self.program, self.run.phase.is_active()) else {
@@ -449,9 +439,13 @@ impl<const N: usize> Controller<N> {
             &placed,
             &percept,
         );
-        let planning = self.coverage.as_ref().is_some_and(|c| c.is_planning());
+        let planning = self
+            .memory
+            .coverage
+            .as_ref()
+            .is_some_and(|c| c.is_planning());
         if self.run.awaits_route() && !planning {
-            let chart = self.chart.as_deref();
+            let chart = self.memory.chart.as_deref();
             self.run.set_route(program, &self.config, chart, &percept);
         }
         if !self.run.phase.is_active() {
@@ -461,10 +455,10 @@ impl<const N: usize> Controller<N> {
             let target = *target;
             return self.travel(input, &percept, &target);
         }
-        if let Some(chart) = &mut self.chart {
+        if let Some(chart) = &mut self.memory.chart {
             self.run.record_surface(program, chart, &percept);
         }
-        if let Some(coverage) = &mut self.coverage {
+        if let Some(coverage) = &mut self.memory.coverage {
             self.run
                 .record_dose(program, coverage, &percept, input.dt_s);
         }
@@ -475,7 +469,7 @@ impl<const N: usize> Controller<N> {
             .measured_s(&self.delay)
             .map(|(mean, _)| mean);
         let delay_s = measured_s.unwrap_or(self.config.force.loop_delay_s);
-        let learning = self.learner.as_deref_mut().map(|learner| Learning {
+        let learning = self.memory.learner.as_deref_mut().map(|learner| Learning {
             learner,
             lead_s: (delay_s - sensing_s).max(0.0),
         });
@@ -497,7 +491,7 @@ impl<const N: usize> Controller<N> {
             self.moving_base.against_base(&input.base_from_tool, wanted)
         };
         let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
-        if let Some(learner) = &mut self.learner {
+        if let Some(learner) = &mut self.memory.learner {
             learner.commanded(&twist.linear, input.dt_s);
         }
         let (qd, manipulability) = self.joints.step(
@@ -655,7 +649,7 @@ impl<const N: usize> Controller<N> {
             },
             path_progress: {
                 let progress = run.tracking.progress(&program.path);
-                (self.coverage.as_ref()).map_or(progress, |c| c.progress(progress))
+                (self.memory.coverage.as_ref()).map_or(progress, |c| c.progress(progress))
             },
             estimate_age_s: estimate_age.unwrap_or(-1.0),
             contact_lost_count: run.lost_count,

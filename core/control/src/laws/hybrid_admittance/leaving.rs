@@ -27,7 +27,7 @@ impl Run {
     /// Records where the tool may touch, and the direction away from the surface. Nothing moves in
     /// `tare`.
     pub(crate) fn remember<const N: usize>(&mut self, input: &ControlInput<N>, percept: &Percept) {
-        if matches!(self.phase, Phase::Tare | Phase::Clear | Phase::Travel) {
+        if self.phase.is_before_approach() {
             return;
         }
         self.clearance = if input.base.is_some() {

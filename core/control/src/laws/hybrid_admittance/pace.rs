@@ -62,8 +62,7 @@ pub(crate) fn force_factor(config: &PaceConfig, error_n: f64, reference_n: f64) 
     if config.force_share <= 0.0 {
         return 1.0;
     }
-    let share = error_n.abs() / reference_n.max(REFERENCE_MIN_N) / config.force_share;
-    ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).clamp(0.0, 1.0)
+    speed_left(error_n.abs(), reference_n, config.force_share).max(0.0)
 }
 
 /// Share of the path's speed that a force leaves which is above its reference by `error_n`: a
@@ -73,8 +72,14 @@ pub(crate) fn excess_factor(config: &PaceConfig, error_n: f64, reference_n: f64)
     if config.excess_share <= 0.0 {
         return 1.0;
     }
-    let share = error_n / reference_n.max(REFERENCE_MIN_N) / config.excess_share;
-    ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).clamp(EXCESS_LEAST, 1.0)
+    speed_left(error_n, reference_n, config.excess_share).max(EXCESS_LEAST)
+}
+
+/// Share of a speed that is left by an error of the force: 1 up to the share `from` of the
+/// reference, 0 at [`STAND_SHARES`] times that, and negative beyond.
+fn speed_left(error_n: f64, reference_n: f64, from: f64) -> f64 {
+    let share = error_n / reference_n.max(REFERENCE_MIN_N) / from;
+    ((STAND_SHARES - share) / (STAND_SHARES - 1.0)).min(1.0)
 }
 
 /// Highest turn rate of the tool about its origin, rad/s, so that a contact [`LEVER_M`] beside that

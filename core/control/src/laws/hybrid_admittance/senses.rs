@@ -114,7 +114,7 @@ impl Run {
             let aside_n = (wrench.force - against * force_n).norm();
             self.felt.add(force_n, aside_n, input.dt_s);
         }
-        if matches!(self.phase, Phase::Tare | Phase::Clear | Phase::Travel) {
+        if self.phase.is_before_approach() {
             // Before the tare, an unloaded sensor may show any force.
             self.in_contact = false;
         } else if let Some(force_n) = force_n {

@@ -37,8 +37,19 @@ fn workspace() -> Limits {
 
 /// Refusals of a task for an arm whose tool points down at `start`.
 fn from<const N: usize>(model: &str, start: [f64; 3], limits: &Limits, task: &str) -> Vec<Refusal> {
+    refusals::<N>(model, start, limits, task, true)
+}
+
+/// As [`from`], for a law that moves the arm to a start pose or does not.
+fn refusals<const N: usize>(
+    model: &str,
+    standing: [f64; 3],
+    limits: &Limits,
+    task: &str,
+    travels: bool,
+) -> Vec<Refusal> {
     let arm = arm::<N>(model);
-    let q = inverse_kinematics(&arm, &tool(), &down(start.into()), &arm.home()).unwrap();
+    let q = inverse_kinematics(&arm, &tool(), &down(standing.into()), &arm.home()).unwrap();
     let task: Task = task.parse().unwrap();
     let path = Path::new(&task.path, 0.1, 1.0).unwrap();
     let preflight = Preflight {
@@ -47,7 +58,7 @@ fn from<const N: usize>(model: &str, start: [f64; 3], limits: &Limits, task: &st
         limits,
         arm: &arm,
         flange_from_tool: &tool(),
-        travels: true,
+        travels,
     };
     preflight.refusals(Some(&q))
 }
@@ -251,20 +262,8 @@ fn to_start(
     start: &[f64],
     more: &str,
 ) -> Vec<Refusal> {
-    let arm = arm::<6>("ur5");
-    let q = inverse_kinematics(&arm, &tool(), &down(standing.into()), &arm.home()).unwrap();
     let text = format!("{TASK}\n[start]\njoints_rad = {start:?}\n{more}");
-    let task: Task = text.parse().unwrap();
-    let path = Path::new(&task.path, 0.1, 1.0).unwrap();
-    let preflight = Preflight {
-        task: &task,
-        path: &path,
-        limits,
-        arm: &arm,
-        flange_from_tool: &tool(),
-        travels: law_travels,
-    };
-    preflight.refusals(Some(&q))
+    refusals::<6>("ur5", standing, limits, &text, law_travels)
 }
 
 fn joints_at(place: [f64; 3]) -> Vec<f64> {

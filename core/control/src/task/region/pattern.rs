@@ -150,7 +150,7 @@ fn rotated(ring: &[Vector2<f64>], start: Option<&Vector2<f64>>) -> Points {
     points
 }
 
-/// The same line with a point every [`SPIRAL_STEP_M`] at least.
+/// A line with additional points, so that none is further than [`SPIRAL_STEP_M`] from the next.
 fn dense(line: &[Vector2<f64>]) -> Points {
     let mut points = vec![line[0]];
     for ends in line.windows(2) {
