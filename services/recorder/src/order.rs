@@ -6,20 +6,65 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use crate::RecorderError;
 use crate::message::RecordedMessage;
 use crate::packing::Unpacked;
+use crate::publisher::UNKNOWN_PUBLISHER;
 
 /// Time within which a message is requested again, ns: slightly more than publishers keep.
 const WINDOW_NS: u64 = 20_000_000_000;
 
-/// Messages in order; that of the file if none was requested again.
-pub(crate) struct Ordered<I> {
-    source: I,
-    waiting: BTreeMap<Place, RecordedMessage>,
+/// A message, by what its place in the order depends on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Numbered {
+    /// Number of the topic and publisher, see [`Lines`]; `None` if the publisher is not known.
+    pub line: Option<usize>,
+    /// Whether it was in a batch: in the file, it then follows messages received after it.
+    pub packed: bool,
+    /// Time of receipt, ns.
+    pub log_time_ns: u64,
+    /// Time of measurement, ns.
+    pub publish_time_ns: u64,
+    /// Publisher's sequence number.
+    pub sequence: u32,
+}
+
+impl Numbered {
+    fn delay_ns(&self) -> i128 {
+        i128::from(self.log_time_ns) - i128::from(self.publish_time_ns)
+    }
+}
+
+/// Numbers for topics and their publishers.
+#[derive(Default)]
+pub(crate) struct Lines {
+    by_publisher: HashMap<[u8; 16], Vec<(String, usize)>>,
+    count: usize,
+}
+
+impl Lines {
+    /// The number of a topic and publisher; `None` if the publisher is not known.
+    pub fn number(&mut self, topic: &str, publisher: &[u8; 16]) -> Option<usize> {
+        if *publisher == UNKNOWN_PUBLISHER {
+            return None;
+        }
+        let topics = self.by_publisher.entry(*publisher).or_default();
+        let known = topics.iter().find(|(known, _)| known == topic);
+        Some(known.map(|(_, line)| *line).unwrap_or_else(|| {
+            let line = self.count;
+            self.count += 1;
+            topics.push((topic.to_owned(), line));
+            line
+        }))
+    }
+}
+
+/// Messages that wait for those that belong before them.
+pub(crate) struct Order<T> {
+    /// Messages that came in order, by far the most.
+    queue: VecDeque<(Place, T)>,
+    /// Messages that were requested again, or came in a batch.
+    between: BTreeMap<Place, T>,
     taken: u64,
     newest_ns: u64,
-    channels: HashMap<(String, [u8; 16]), Channel>,
-    /// The error with which the source ended, if any.
-    damage: Option<RecorderError>,
-    ended: bool,
+    lines: Vec<Option<Line>>,
 }
 
 /// Position of a message in the order.
@@ -44,7 +89,7 @@ enum Side {
 
 /// A publisher's messages of the last seconds. A message that was requested again belongs between
 /// its neighbours.
-struct Channel {
+struct Line {
     /// Base from which sequence numbers are compared, so that a wrap of their 32 bits has no
     /// effect.
     base: u32,
@@ -59,31 +104,31 @@ struct Channel {
 /// Largest growth per message of the usual time from publication to receipt, ns.
 const USUAL_GROWS_NS: i128 = 1_000_000;
 
-impl Channel {
-    fn new(message: &RecordedMessage) -> Self {
+impl Line {
+    fn new(message: &Numbered) -> Self {
         Self {
             base: message.sequence.wrapping_sub(1 << 31),
             newest: message.sequence,
-            usual_ns: delay_ns(message),
+            usual_ns: message.delay_ns(),
             places: VecDeque::new(),
         }
     }
 
-    fn is_late(&self, message: &RecordedMessage) -> bool {
+    fn is_late(&self, message: &Numbered) -> bool {
         (message.sequence.wrapping_sub(self.newest) as i32) < 0
     }
 
     /// When a message of a batch was received, and not before the one before it: the file has
     /// others in between.
-    fn next_ns(&self, message: &RecordedMessage) -> u64 {
+    fn next_ns(&self, message: &Numbered) -> u64 {
         let before_ns = self.places.back().map_or(0, |(_, place)| place.at_ns);
         message.log_time_ns.max(before_ns)
     }
 
     /// Takes the next message in order.
-    fn go_on(&mut self, message: &RecordedMessage, place: Place) {
+    fn go_on(&mut self, message: &Numbered, place: Place) {
         self.newest = message.sequence;
-        self.usual_ns = delay_ns(message).min(self.usual_ns + USUAL_GROWS_NS);
+        self.usual_ns = message.delay_ns().min(self.usual_ns + USUAL_GROWS_NS);
         let oldest_ns = place.at_ns.saturating_sub(WINDOW_NS);
         while let Some((_, oldest)) = self.places.front()
             && oldest.at_ns < oldest_ns
@@ -95,7 +140,7 @@ impl Channel {
     }
 
     /// Position of a late message: between its neighbours, where it would have been received.
-    fn insert(&mut self, message: &RecordedMessage, number: u64) -> Place {
+    fn insert(&mut self, message: &Numbered, number: u64) -> Place {
         let order = message.sequence.wrapping_sub(self.base);
         let next = self.places.partition_point(|(other, _)| *other < order);
         let neighbour = |at: Option<usize>| self.places.get(at?).map(|(_, place)| *place);
@@ -126,31 +171,56 @@ impl Channel {
     }
 }
 
-fn delay_ns(message: &RecordedMessage) -> i128 {
-    i128::from(message.log_time_ns) - i128::from(message.publish_time_ns)
-}
-
-impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Ordered<I> {
-    pub(crate) fn new(source: I) -> Self {
+impl<T> Default for Order<T> {
+    fn default() -> Self {
         Self {
-            source,
-            waiting: BTreeMap::new(),
+            queue: VecDeque::new(),
+            between: BTreeMap::new(),
             taken: 0,
             newest_ns: 0,
-            channels: HashMap::new(),
-            damage: None,
-            ended: false,
+            lines: Vec::new(),
+        }
+    }
+}
+
+impl<T> Order<T> {
+    /// Takes the next message of the file.
+    pub fn push(&mut self, message: &Numbered, content: T) {
+        let place = self.place(message);
+        self.taken += 1;
+        match self.queue.back() {
+            Some((last, _)) if *last > place => {
+                self.between.insert(place, content);
+            }
+            _ => self.queue.push_back((place, content)),
         }
     }
 
-    fn take(&mut self, one: Unpacked) {
-        let place = self.place(&one);
-        self.taken += 1;
-        self.waiting.insert(place, one.message);
+    /// The oldest message, once no other one can belong before it.
+    pub fn pop_settled(&mut self) -> Option<T> {
+        let queued = self.queue.front().map(|(place, _)| place.at_ns);
+        let between = self.between.first_key_value().map(|(place, _)| place.at_ns);
+        let oldest_ns = queued.into_iter().chain(between).min()?;
+        if self.newest_ns.saturating_sub(oldest_ns) > WINDOW_NS {
+            self.pop()
+        } else {
+            None
+        }
     }
 
-    fn place(&mut self, one: &Unpacked) -> Place {
-        let message = &one.message;
+    /// The oldest message.
+    pub fn pop(&mut self) -> Option<T> {
+        let between = self.between.first_key_value().map(|(place, _)| *place);
+        match (self.queue.front(), between) {
+            (Some((queued, _)), Some(between)) if between < *queued => {
+                self.between.pop_first().map(|(_, content)| content)
+            }
+            (Some(_), _) => self.queue.pop_front().map(|(_, content)| content),
+            (None, _) => self.between.pop_first().map(|(_, content)| content),
+        }
+    }
+
+    fn place(&mut self, message: &Numbered) -> Place {
         let mut place = Place {
             at_ns: self.newest_ns.max(message.log_time_ns),
             at: self.taken,
@@ -158,22 +228,54 @@ impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Ordered<I> {
             order: 0,
             number: self.taken,
         };
-        if message.publisher != [0; 16] {
-            let name = (message.topic.clone(), message.publisher);
-            let channel = self
-                .channels
-                .entry(name)
-                .or_insert_with(|| Channel::new(message));
-            if channel.is_late(message) {
-                return channel.insert(message, self.taken);
+        if let Some(number) = message.line {
+            if self.lines.len() <= number {
+                self.lines.resize_with(number + 1, || None);
             }
-            if one.packed {
-                place.at_ns = channel.next_ns(message);
+            let line = self.lines[number].get_or_insert_with(|| Line::new(message));
+            if line.is_late(message) {
+                return line.insert(message, self.taken);
             }
-            channel.go_on(message, place);
+            if message.packed {
+                place.at_ns = line.next_ns(message);
+            }
+            line.go_on(message, place);
         }
         self.newest_ns = self.newest_ns.max(place.at_ns);
         place
+    }
+}
+
+/// Messages in order; that of the file if none was requested again.
+pub(crate) struct Ordered<I> {
+    source: I,
+    order: Order<RecordedMessage>,
+    lines: Lines,
+    /// The error with which the source ended, if any.
+    damage: Option<RecorderError>,
+    ended: bool,
+}
+
+impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Ordered<I> {
+    pub(crate) fn new(source: I) -> Self {
+        Self {
+            source,
+            order: Order::default(),
+            lines: Lines::default(),
+            damage: None,
+            ended: false,
+        }
+    }
+
+    fn take(&mut self, Unpacked { message, packed }: Unpacked) {
+        let numbered = Numbered {
+            line: self.lines.number(&message.topic, &message.publisher),
+            packed,
+            log_time_ns: message.log_time_ns,
+            publish_time_ns: message.publish_time_ns,
+            sequence: message.sequence,
+        };
+        self.order.push(&numbered, message);
     }
 }
 
@@ -182,9 +284,8 @@ impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Iterator for Ordered<I
 
     fn next(&mut self) -> Option<Self::Item> {
         while !self.ended {
-            let oldest = self.waiting.first_key_value().map(|(place, _)| place.at_ns);
-            if oldest.is_some_and(|at| self.newest_ns - at.min(self.newest_ns) > WINDOW_NS) {
-                break;
+            if let Some(message) = self.order.pop_settled() {
+                return Some(Ok(message));
             }
             match self.source.next() {
                 Some(Ok(message)) => self.take(message),
@@ -195,8 +296,8 @@ impl<I: Iterator<Item = Result<Unpacked, RecorderError>>> Iterator for Ordered<I
                 None => self.ended = true,
             }
         }
-        match self.waiting.pop_first() {
-            Some((_, message)) => Some(Ok(message)),
+        match self.order.pop() {
+            Some(message) => Some(Ok(message)),
             None => self.damage.take().map(Err),
         }
     }

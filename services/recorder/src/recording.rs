@@ -1,56 +1,26 @@
 //! Reads a recording, complete or truncated.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
-use mcap::read::{LinearReader, Options};
 use mcap::records::Record as McapRecord;
 use mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
 use mcap::{McapError, Message};
-use tangent_schemas::Message as _;
-use tangent_schemas::standard::WrenchStamped;
 
 use crate::RecorderError;
 use crate::message::RecordedMessage;
 use crate::order::Ordered;
-use crate::packing::{packed_topic, size, unpack};
+use crate::outline::Outline;
+use crate::packing::unpack;
+use crate::selection::{Contents, Held, Source, Stored, decode_selected};
 use crate::writer::PUBLISHERS;
-
-/// The bytes of a file, and up to where its records are complete.
-pub(crate) struct WholeFile {
-    bytes: Vec<u8>,
-    whole: usize,
-}
-
-impl WholeFile {
-    pub(crate) fn read(path: &Path) -> Result<Self, RecorderError> {
-        let bytes = fs::read(path).map_err(|source| RecorderError::io(path, source))?;
-        let whole = whole_length(&bytes);
-        Ok(Self { bytes, whole })
-    }
-
-    pub(crate) fn bytes(&self) -> &[u8] {
-        &self.bytes
-    }
-
-    /// Number of bytes up to the end of the last complete record.
-    pub(crate) fn whole_bytes(&self) -> u64 {
-        self.whole as u64
-    }
-
-    /// All messages up to the first damage, which is then the last item.
-    pub(crate) fn messages(&self) -> Messages<'_> {
-        Messages {
-            left: &self.bytes[..self.whole],
-            reader: message_reader(),
-        }
-    }
-}
 
 /// Largest record, bytes. A longer one is damage: without a limit, a single flipped bit could
 /// request all memory.
-const RECORD_BYTES_MAX: usize = 256 << 20;
+pub(crate) const RECORD_BYTES_MAX: usize = 256 << 20;
 
 /// Options for a file that may lack its end.
 pub(crate) fn reader_options() -> LinearReaderOptions {
@@ -64,10 +34,23 @@ pub(crate) fn message_reader() -> MessageReader {
     MessageReader::new_with_options(reader_options())
 }
 
-/// Iterator over the messages in a file's bytes.
-pub(crate) struct Messages<'a> {
-    left: &'a [u8],
+/// Iterator over the messages of a file, up to the first damage, which is then the last item.
+struct Messages<'a> {
+    file: &'a File,
+    at: u64,
+    end: u64,
     reader: MessageReader,
+}
+
+impl Messages<'_> {
+    fn fill(&mut self, wanted: usize) -> io::Result<()> {
+        let left = usize::try_from(self.end - self.at).unwrap_or(usize::MAX);
+        let size = wanted.min(left);
+        self.file.read_exact_at(self.reader.insert(size), self.at)?;
+        self.reader.notify_read(size);
+        self.at += size as u64;
+        Ok(())
+    }
 }
 
 impl Iterator for Messages<'_> {
@@ -77,10 +60,10 @@ impl Iterator for Messages<'_> {
         loop {
             match self.reader.next_event()? {
                 Ok(MessageReadEvent::ReadRequest(wanted)) => {
-                    let (now, later) = self.left.split_at(wanted.min(self.left.len()));
-                    self.reader.insert(now.len()).copy_from_slice(now);
-                    self.reader.notify_read(now.len());
-                    self.left = later;
+                    if let Err(error) = self.fill(wanted) {
+                        self.end = self.at;
+                        return Some(Err(McapError::Io(error)));
+                    }
                 }
                 Ok(MessageReadEvent::Message(message)) => return Some(Ok(message)),
                 // A file that ends between two records is truncated, not damaged; that is already
@@ -92,74 +75,13 @@ impl Iterator for Messages<'_> {
     }
 }
 
-/// Length of the longest prefix that ends with a complete record.
-fn whole_length(bytes: &[u8]) -> usize {
-    const RECORD_HEADER: usize = 9;
-    let magic = mcap::MAGIC.len();
-    if !bytes.starts_with(mcap::MAGIC) {
-        return 0;
-    }
-    let mut at = magic;
-    while let Some(header) = bytes.get(at..at + RECORD_HEADER) {
-        let length = u64::from_le_bytes(
-            header[1..]
-                .try_into()
-                .expect("a record's length has eight bytes"),
-        );
-        let Some(end) = usize::try_from(length)
-            .ok()
-            .and_then(|n| (at + RECORD_HEADER).checked_add(n))
-            .filter(|&end| end <= bytes.len())
-        else {
-            break;
-        };
-        at = end;
-    }
-    if bytes[at..] == *mcap::MAGIC {
-        bytes.len()
-    } else {
-        at
-    }
-}
-
-/// What a message of a file holds: one message of the bus, or a batch of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Contents<'a> {
-    /// Topic of the messages, with its leading slash.
-    pub topic: &'a str,
-    /// Their ROS 2 message type.
-    pub type_name: &'a str,
-    /// Their number.
-    pub count: u64,
-}
-
-impl<'a> Contents<'a> {
-    fn of(message: &'a Message<'_>) -> Self {
-        let schema = message.channel.schema.as_ref();
-        let type_name = schema.map_or("", |schema| schema.name.as_str());
-        let topic = message.channel.topic.as_str();
-        match packed_topic(topic).zip(size(topic, type_name, &message.data)) {
-            Some((topic, count)) => Self {
-                topic,
-                type_name: WrenchStamped::NAME,
-                count,
-            },
-            None => Self {
-                topic,
-                type_name,
-                count: 1,
-            },
-        }
-    }
-}
-
 /// A recording and its contents.
 pub struct Recording {
     path: PathBuf,
-    whole: WholeFile,
+    file: File,
+    outline: Outline,
     attachments: BTreeMap<String, String>,
     metadata: BTreeMap<String, BTreeMap<String, String>>,
-    truncated: bool,
 }
 
 impl Recording {
@@ -168,18 +90,16 @@ impl Recording {
     /// # Errors
     /// The file cannot be read, or is not an MCAP file.
     pub fn open(path: &Path) -> Result<Self, RecorderError> {
-        let whole = WholeFile::read(path)?;
-        if whole.whole_bytes() == 0 {
+        let failed = |source| RecorderError::io(path, source);
+        let file = File::open(path).map_err(failed)?;
+        let outline = Outline::read(&file).map_err(failed)?;
+        if outline.whole_bytes == 0 {
             return Err(RecorderError::mcap(path, McapError::BadMagic));
         }
-        let truncated =
-            !whole.bytes().ends_with(mcap::MAGIC) || whole.bytes().len() < 2 * mcap::MAGIC.len();
         let mut attachments = BTreeMap::new();
         let mut metadata = BTreeMap::new();
-        let readable = &whole.bytes()[..whole.whole_bytes() as usize];
-        let records = LinearReader::new_with_options(readable, Options::IgnoreEndMagic.into())
-            .map_err(|source| RecorderError::mcap(path, source))?;
-        for record in records.map_while(Result::ok) {
+        let named = outline.named.iter();
+        for record in named.map_while(|(opcode, body)| mcap::parse_record(*opcode, body).ok()) {
             match record {
                 McapRecord::Attachment { header, data, .. } => {
                     attachments.insert(header.name, String::from_utf8_lossy(&data).into_owned());
@@ -194,10 +114,10 @@ impl Recording {
         }
         Ok(Self {
             path: path.to_owned(),
-            whole,
+            file,
+            outline,
             attachments,
             metadata,
-            truncated,
         })
     }
 
@@ -208,7 +128,7 @@ impl Recording {
 
     /// Whether the file lacks its end: the recorder was killed, and has not been started since.
     pub fn is_truncated(&self) -> bool {
-        self.truncated
+        !self.outline.is_finished
     }
 
     /// Attached files, by name.
@@ -233,23 +153,42 @@ impl Recording {
     pub fn try_messages(
         &self,
     ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + '_ {
-        self.try_messages_where(|_| true)
+        let messages = Messages {
+            file: &self.file,
+            at: 0,
+            end: self.outline.whole_bytes,
+            reader: message_reader(),
+        };
+        Ordered::new(messages.flat_map(|message| match message {
+            Ok(message) => unpack(message.into()).into_iter().map(Ok).collect(),
+            Err(source) => vec![Err(RecorderError::mcap(&self.path, source))],
+        }))
     }
 
-    /// As [`Recording::try_messages`], only those for which `wanted` is true. It is asked in the
-    /// order of the file, once for all messages of a batch. What is not wanted costs little.
-    pub fn try_messages_where<'a>(
-        &'a self,
-        mut wanted: impl FnMut(&Contents<'_>) -> bool + 'a,
-    ) -> impl Iterator<Item = Result<RecordedMessage, RecorderError>> + 'a {
-        Ordered::new(
-            self.whole
-                .messages()
-                .flat_map(move |message| match message {
-                    Ok(message) if !wanted(&Contents::of(&message)) => Vec::new(),
-                    Ok(message) => unpack(message.into()).into_iter().map(Ok).collect(),
-                    Err(source) => vec![Err(RecorderError::mcap(&self.path, source))],
-                }),
-        )
+    /// Passes the selected messages to `take`, in the order of their arrival as
+    /// [`Recording::messages`], with damage, if any, as the last. Returns the number of all
+    /// messages by topic. Damage outside the chunks, at which [`Recording::messages`] ends, costs
+    /// no message here.
+    ///
+    /// `select` is asked once for each channel, and `decode` for each message of a channel for
+    /// which it returned something, in several threads. `take` is called in this one.
+    pub fn decode_selected<S: Send + Sync, T: Send>(
+        &self,
+        select: impl Fn(&Contents<'_>) -> Option<S> + Sync,
+        decode: impl Fn(&S, &Stored<'_>) -> T + Sync,
+        mut take: impl FnMut(Result<T, RecorderError>),
+    ) -> Vec<Held> {
+        let source = Source {
+            path: &self.path,
+            file: &self.file,
+            pieces: &self.outline.pieces,
+        };
+        let held = decode_selected(&source, select, decode, &mut take);
+        let mut named = self.outline.named.iter();
+        let damage = named.find_map(|(opcode, body)| mcap::parse_record(*opcode, body).err());
+        if let Some(damage) = damage {
+            take(Err(RecorderError::mcap(&self.path, damage)));
+        }
+        held
     }
 }

@@ -36,13 +36,27 @@ pub struct Part<'a> {
 /// A file cannot be read, is not a recording or holds no messages of a tangent cell, or not this
 /// task; a plot cannot be drawn.
 pub fn read(paths: &[PathBuf], part: Part<'_>, page: bool) -> Result<Read, ReportError> {
-    let run = part.of(paths)?;
+    let mut run = part.of(paths)?;
     let task = TaskRun::of(&run);
-    let report = Report::of(&run, &task);
-    let page = page.then(|| html::page(&run, &task, &report)).transpose()?;
+    // Figures and drawings take about the same time: each has a thread.
+    let (report, page) = std::thread::scope(|scope| {
+        let drawing = page.then(|| scope.spawn(|| html::draw(&run, &task)));
+        let report = Report::of(&run, &task);
+        let drawn = drawing.map(|drawing| {
+            let drawn = drawing.join();
+            drawn.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        });
+        let page = drawn.map(|drawn| html::page(&run, &task, &report, &drawn?));
+        (report, page.transpose())
+    });
+    let page = page?;
+    drop(task);
+    let truncated = std::mem::take(&mut run.truncated);
+    // Hundreds of megabytes of small pieces: nobody waits until they are given back.
+    drop(std::thread::Builder::new().spawn(move || drop(run)));
     Ok(Read {
         report,
-        truncated: run.truncated,
+        truncated,
         page,
     })
 }

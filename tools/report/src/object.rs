@@ -46,11 +46,16 @@ fn sample(
 ) -> Option<ObjectSampleTruth> {
     let truth = cycle.truth?;
     let stamp_ns = cycle.arm.header.stamp.to_ns();
-    let object = pose(nearest(&run.object_truth, |t| &t.header, stamp_ns)?)?;
+    let object = pose(nearest(&run.object_truth, &mut 0, |t| &t.header, stamp_ns)?)?;
     let base_from_tool: Pose<Base, Tool> = (&truth.tool_pose).try_into().ok()?;
     let estimates = run.objects.get(cycle.control.estimator.as_str());
     let estimates = estimates.map(|all| within(all, |e| &e.header, window_ns));
-    let newest = newest(estimates, |e| e.cycle, cycle.control.cycle);
+    let newest = newest(
+        estimates.unwrap_or_default(),
+        &mut 0,
+        |e| e.cycle,
+        cycle.control.cycle,
+    );
     let estimated: Option<Pose<Base, Object>> = newest
         .filter(|e| e.validity == 0)
         .and_then(|e| (&e.pose).try_into().ok());

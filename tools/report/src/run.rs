@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::sync_channel;
 
-use tangent_recorder::{Contents, RecordedMessage, RecorderError, Recording};
+use tangent_recorder::{Contents, RecordedMessage, Recording, Stored};
 use tangent_schemas::standard::{Header, PoseStamped};
 use tangent_schemas::tangent::{
     ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, ShapingState,
@@ -18,22 +17,42 @@ use crate::tasks::{TaskEntry, tasks};
 /// Time before and after a task whose messages belong to it, ns.
 pub(crate) const BESIDE_NS: i64 = 1_000_000_000;
 
-/// Messages that are passed on from unpacking to decoding together, and how often that many may
-/// wait.
-const SENT_TOGETHER: usize = 512;
-const QUEUED: usize = 8;
-/// Types of the messages that [`Run::take`] decodes.
-const TAKEN: [&str; 9] = [
-    ArmState::NAME,
-    ControlState::NAME,
-    ShapingState::NAME,
-    NormalEstimate::NAME,
-    ObjectEstimate::NAME,
-    PoseStamped::NAME,
-    ContactTruth::NAME,
-    WrenchStatus::NAME,
-    Health::NAME,
-];
+/// Messages of which a report is made.
+enum Taken {
+    Arm(Box<ArmState>),
+    Control(Box<ControlState>),
+    Shaping(Box<ShapingState>),
+    Estimate(Box<NormalEstimate>),
+    Object(Box<ObjectEstimate>),
+    ObjectTruth(Box<PoseStamped>),
+    Truth(Box<ContactTruth>),
+    Wrench(Box<WrenchStatus>),
+    Health(Box<Health>),
+}
+
+/// Decodes a message of a type in [`Taken`].
+type Decode = fn(&[u8]) -> Result<Taken, cdr::CdrError>;
+
+impl Taken {
+    /// How the messages of this type on this key of a cell are decoded; `None` if no report needs
+    /// them.
+    fn decoder(key: &str, type_name: &str) -> Option<Decode> {
+        Some(match type_name {
+            ArmState::NAME => |bytes| Ok(Self::Arm(cdr::decode(bytes)?)),
+            ControlState::NAME => |bytes| Ok(Self::Control(cdr::decode(bytes)?)),
+            ShapingState::NAME => |bytes| Ok(Self::Shaping(cdr::decode(bytes)?)),
+            NormalEstimate::NAME => |bytes| Ok(Self::Estimate(cdr::decode(bytes)?)),
+            ObjectEstimate::NAME => |bytes| Ok(Self::Object(cdr::decode(bytes)?)),
+            PoseStamped::NAME if key == "truth/object" => {
+                |bytes| Ok(Self::ObjectTruth(cdr::decode(bytes)?))
+            }
+            ContactTruth::NAME => |bytes| Ok(Self::Truth(cdr::decode(bytes)?)),
+            WrenchStatus::NAME => |bytes| Ok(Self::Wrench(cdr::decode(bytes)?)),
+            Health::NAME => |bytes| Ok(Self::Health(cdr::decode(bytes)?)),
+            _ => return None,
+        })
+    }
+}
 
 /// Contents of the recording of one run, from one file or several.
 #[derive(Default)]
@@ -116,11 +135,15 @@ impl Run {
         let mut run = Self::default();
         let mut said = BTreeMap::new();
         for message in messages {
-            if run
-                .take(message, &mut Growth::default(), &mut said)
-                .is_err()
-            {
-                run.undecodable += 1;
+            let key = message.topic.trim_start_matches('/');
+            if let Some(decode) = Taken::decoder(key, &message.type_name) {
+                let taken = decode(&message.bytes);
+                run.take_or_count(
+                    message.log_time_ns,
+                    taken,
+                    &mut Growth::default(),
+                    &mut said,
+                );
             }
         }
         run.sort();
@@ -203,124 +226,79 @@ impl Run {
             let name = name.strip_prefix(&prefix).unwrap_or(name);
             self.attachments.insert(name.to_owned(), text.clone());
         }
-        // Unpacking and decoding take about the same time: each has a thread.
-        let (send, received) = sync_channel::<Vec<_>>(QUEUED);
-        std::thread::scope(|scope| {
-            let (recording, prefix) = (&recording, prefix.as_str());
-            let reading = scope.spawn(move || {
-                let mut topics = BTreeMap::<String, (String, u64)>::new();
-                let wanted = |held: &Contents<'_>| {
-                    let topic = held.topic.trim_start_matches('/');
-                    let Some(key) = topic.strip_prefix(prefix) else {
-                        return false;
-                    };
-                    match topics.get_mut(key) {
-                        Some((_, count)) => *count += held.count,
-                        None => {
-                            topics.insert(key.to_owned(), (held.type_name.to_owned(), held.count));
-                        }
-                    }
-                    TAKEN.contains(&held.type_name)
-                };
-                let mut messages = recording.try_messages_where(wanted);
-                loop {
-                    let some: Vec<_> = messages.by_ref().take(SENT_TOGETHER).collect();
-                    if some.is_empty() || send.send(some).is_err() {
-                        break;
-                    }
-                }
-                drop(messages);
-                topics
-            });
-            for message in received.into_iter().flatten() {
-                self.take_or_count(message, prefix, wrench_lost, said);
-            }
-            let joined = reading.join();
-            for (key, (type_name, count)) in
-                joined.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
-            {
-                let entry = self.topics.entry(format!("/{key}"));
-                entry.or_insert((type_name, 0)).1 += count;
-            }
+        let key_of = |topic: &str| {
+            let topic = topic.trim_start_matches('/');
+            topic.strip_prefix(&prefix).map(str::to_owned)
+        };
+        let select = |held: &Contents<'_>| {
+            let key = key_of(held.topic)?;
+            Taken::decoder(&key, held.type_name)
+        };
+        let decode =
+            |decode: &Decode, stored: &Stored<'_>| (stored.log_time_ns, decode(stored.bytes));
+        let all = recording.decode_selected(select, decode, |read| match read {
+            Ok((log_time_ns, taken)) => self.take_or_count(log_time_ns, taken, wrench_lost, said),
+            // It is the last one.
+            Err(error) => self.damages.push(error.to_string()),
         });
+        for held in all {
+            if let Some(key) = key_of(&held.topic) {
+                let entry = self.topics.entry(format!("/{key}"));
+                entry.or_insert((held.type_name, 0)).1 += held.count;
+            }
+        }
         Ok(())
     }
 
-    /// Takes a message of the cell with this prefix, or notes why not.
+    /// Takes a message of the cell, or counts one that could not be decoded.
     fn take_or_count(
         &mut self,
-        message: Result<RecordedMessage, RecorderError>,
-        prefix: &str,
+        log_time_ns: u64,
+        taken: Result<Taken, cdr::CdrError>,
         wrench_lost: &mut Growth,
         said: &mut BTreeMap<String, String>,
     ) {
-        match message {
-            Ok(mut message) => {
-                if !prefix.is_empty() {
-                    let topic = message.topic.trim_start_matches('/');
-                    let key = topic.strip_prefix(prefix).unwrap_or(topic);
-                    message.topic = format!("/{key}");
-                }
-                if self.take(&message, wrench_lost, said).is_err() {
-                    self.undecodable += 1;
-                }
-            }
-            // It is the last one.
-            Err(error) => self.damages.push(error.to_string()),
+        match taken {
+            Ok(taken) => self.take(log_time_ns, taken, wrench_lost, said),
+            Err(_) => self.undecodable += 1,
         }
     }
 
     fn take(
         &mut self,
-        message: &RecordedMessage,
+        log_time_ns: u64,
+        taken: Taken,
         wrench_lost: &mut Growth,
         said: &mut BTreeMap<String, String>,
-    ) -> Result<(), cdr::CdrError> {
-        let bytes = &message.bytes;
-        let mut fault = None;
-        match message.type_name.as_str() {
-            ArmState::NAME => {
-                let state: ArmState = cdr::decode(bytes)?;
-                fault = Some(("robot", state.not_ready_reason.to_string()));
-                self.arm.push(state);
+    ) {
+        match taken {
+            Taken::Arm(state) => {
+                let why = state.not_ready_reason.as_str();
+                note(&mut self.faults, said, log_time_ns, "robot", why);
+                self.arm.push(*state);
             }
-            ControlState::NAME => {
-                let state: ControlState = cdr::decode(bytes)?;
-                fault = Some(("controller", state.fault.to_string()));
+            Taken::Control(state) => {
+                let fault = state.fault.as_str();
+                note(&mut self.faults, said, log_time_ns, "controller", fault);
                 note_ages(&mut self.ages_s, &state);
-                self.control.push(state);
+                self.control.push(*state);
             }
-            ShapingState::NAME => self.shaping.push(cdr::decode(bytes)?),
-            NormalEstimate::NAME => {
-                let estimate: NormalEstimate = cdr::decode(bytes)?;
-                let name = estimate.estimator.to_string();
-                self.estimates.entry(name).or_default().push(estimate);
+            Taken::Shaping(state) => self.shaping.push(*state),
+            Taken::Estimate(estimate) => {
+                list_of(&mut self.estimates, estimate.estimator.as_str()).push(*estimate);
             }
-            ObjectEstimate::NAME => {
-                let estimate: ObjectEstimate = cdr::decode(bytes)?;
-                let name = estimate.estimator.to_string();
-                self.objects.entry(name).or_default().push(estimate);
+            Taken::Object(estimate) => {
+                list_of(&mut self.objects, estimate.estimator.as_str()).push(*estimate);
             }
-            PoseStamped::NAME if message.topic == "/truth/object" => {
-                self.object_truth.push(cdr::decode(bytes)?);
-            }
-            ContactTruth::NAME => self.truth.push(cdr::decode(bytes)?),
-            WrenchStatus::NAME => {
-                let status: WrenchStatus = cdr::decode(bytes)?;
-                wrench_lost.add(status.records_lost);
-            }
-            Health::NAME => {
-                let health: Health = cdr::decode(bytes)?;
+            Taken::ObjectTruth(pose) => self.object_truth.push(*pose),
+            Taken::Truth(truth) => self.truth.push(*truth),
+            Taken::Wrench(status) => wrench_lost.add(status.records_lost),
+            Taken::Health(health) => {
                 let source = health.service.to_string();
-                note(&mut self.faults, said, message, &source, &health.fault);
-                self.health.insert(source, health);
+                note(&mut self.faults, said, log_time_ns, &source, &health.fault);
+                self.health.insert(source, *health);
             }
-            _ => {}
         }
-        if let Some((source, text)) = fault {
-            note(&mut self.faults, said, message, source, &text);
-        }
-        Ok(())
     }
 
     /// Value of a fact that was given to the recorder, for instance `scenario`.
@@ -385,22 +363,30 @@ fn prefix_of(
 fn note_ages(ages_s: &mut BTreeMap<String, Vec<f64>>, state: &ControlState) {
     for (name, age_s) in state.estimators.iter().zip(&state.estimate_ages_s) {
         if *age_s >= 0.0 {
-            ages_s.entry(name.to_string()).or_default().push(*age_s);
+            list_of(ages_s, name.as_str()).push(*age_s);
         }
     }
+}
+
+/// The list of this name, without a copy of the name if there is one.
+fn list_of<'a, T>(lists: &'a mut BTreeMap<String, Vec<T>>, name: &str) -> &'a mut Vec<T> {
+    if !lists.contains_key(name) {
+        lists.insert(name.to_owned(), Vec::new());
+    }
+    lists.get_mut(name).expect("it was just inserted")
 }
 
 fn note(
     faults: &mut Vec<(i64, String)>,
     said: &mut BTreeMap<String, String>,
-    message: &RecordedMessage,
+    log_time_ns: u64,
     source: &str,
     text: &str,
 ) {
     if said.get(source).map_or("", String::as_str) != text {
         said.insert(source.to_owned(), text.to_owned());
         if !text.is_empty() {
-            let at = i64::try_from(message.log_time_ns).unwrap_or(i64::MAX);
+            let at = i64::try_from(log_time_ns).unwrap_or(i64::MAX);
             faults.push((at, format!("{source}: {text}")));
         }
     }

@@ -1,8 +1,6 @@
 //! One task of a recording, by default the last, cycle by cycle, with the messages that belong to
 //! each cycle.
 
-use std::collections::HashMap;
-
 use nalgebra::{Matrix3, Vector3};
 use tangent_control::Phase;
 use tangent_mechanics::{Base, Pose, Tool};
@@ -61,28 +59,33 @@ impl<'a> TaskRun<'a> {
         let end_ns = control.last().map_or(0, |c| c.header.stamp.to_ns());
         let window_ns = (start_ns - BESIDE_NS, end_ns + BESIDE_NS);
         let window = |ns: i64| (window_ns.0..=window_ns.1).contains(&ns);
-        let arms: HashMap<u64, &ArmState> = run
-            .arm
-            .iter()
-            .filter(|a| window(a.header.stamp.to_ns()))
-            .map(|a| (a.cycle, a))
-            .collect();
+        let of_task = run.arm.iter().filter(|a| window(a.header.stamp.to_ns()));
+        let mut arms: Vec<&ArmState> = of_task.collect();
+        arms.sort_by_key(|a| a.cycle);
+        let (mut arm_at, mut truth_at, mut estimate_at) = (0, 0, 0);
+        let (mut used, mut estimates) = ("", &[][..]);
 
         let mut origin_ns = None;
         let mut cycles = Vec::new();
         let mut ended_at = None;
         for state in control {
-            let Some(arm) = arms.get(&state.cycle).copied() else {
+            let Some(arm) = newest(&arms, &mut arm_at, |a| a.cycle, state.cycle)
+                .copied()
+                .filter(|arm| arm.cycle == state.cycle)
+            else {
                 continue;
             };
             let stamp_ns = arm.header.stamp.to_ns();
             // The first packet of a task ends its first period.
             let origin = *origin_ns.get_or_insert(stamp_ns - (arm.period_s * 1e9).round() as i64);
             let time_s = (stamp_ns - origin) as f64 * 1e-9;
-            let truth = nearest(&run.truth, |t| &t.header, stamp_ns);
-            let estimates = run.estimates.get(state.estimator.as_str());
-            let estimates = estimates.map(|all| within(all, |e| &e.header, window_ns));
-            let estimate = newest(estimates, |e| e.cycle, state.cycle);
+            let truth = nearest(&run.truth, &mut truth_at, |t| &t.header, stamp_ns);
+            if used != state.estimator.as_str() {
+                used = state.estimator.as_str();
+                let all = run.estimates.get(used).map_or(&[][..], Vec::as_slice);
+                estimates = within(all, |e| &e.header, window_ns);
+            }
+            let estimate = newest(estimates, &mut estimate_at, |e| e.cycle, state.cycle);
             cycles.push(Cycle {
                 time_s,
                 arm,
@@ -123,20 +126,42 @@ impl<'a> TaskRun<'a> {
     pub fn samples_with(&self, run: &Run, estimator: &str) -> Vec<CycleSample> {
         let estimates = run.estimates.get(estimator);
         let estimates = estimates.map(|all| within(all, |e| &e.header, self.window_ns));
+        let (estimates, mut at) = (estimates.unwrap_or_default(), 0);
         self.cycles
             .iter()
             .map(|cycle| CycleSample {
-                estimate: newest(estimates, |e| e.cycle, cycle.control.cycle).map(estimate_sample),
+                estimate: newest(estimates, &mut at, |e| e.cycle, cycle.control.cycle)
+                    .map(estimate_sample),
                 ..cycle.sample
             })
             .collect()
     }
 }
 
-/// The truth with the nearest stamp; `truth` must be in order.
-pub(crate) fn nearest<T>(truth: &[T], stamp: impl Fn(&T) -> &Header, stamp_ns: i64) -> Option<&T> {
+/// The partition point of `all`, which the search of the next cycle finds a few places behind that
+/// of the last one, `at`.
+fn partition_from<T>(all: &[T], at: &mut usize, is_before: impl Fn(&T) -> bool) -> usize {
+    const NEAR: usize = 8;
+    let from = (*at).min(all.len());
+    let near = &all[from..all.len().min(from + NEAR)];
+    let moved = near.iter().take_while(|one| is_before(one)).count();
+    let is_behind = from == 0 || is_before(&all[from - 1]);
+    *at = match is_behind && moved < NEAR {
+        true => from + moved,
+        false => all.partition_point(is_before),
+    };
+    *at
+}
+
+/// The truth with the nearest stamp; `truth` must be in order. `at` is where the last one was.
+pub(crate) fn nearest<'a, T>(
+    truth: &'a [T],
+    at: &mut usize,
+    stamp: impl Fn(&T) -> &Header,
+    stamp_ns: i64,
+) -> Option<&'a T> {
     let stamp_of = |t: &T| stamp(t).stamp.to_ns();
-    let after = truth.partition_point(|t| stamp_of(t) < stamp_ns);
+    let after = partition_from(truth, at, |t| stamp_of(t) < stamp_ns);
     let distance = |t: &&T| (stamp_of(t) - stamp_ns).abs();
     [after.checked_sub(1), Some(after)]
         .into_iter()
@@ -154,15 +179,15 @@ pub(crate) fn within<E>(all: &[E], header: impl Fn(&E) -> &Header, window_ns: (i
     &all[from..to.max(from)]
 }
 
-/// The newest estimate computed by `cycle`; `estimates` must be in order.
-pub(crate) fn newest<E>(
-    estimates: Option<&[E]>,
+/// The newest one made by `cycle`; `all` must be in order. `at` is where the last one was.
+pub(crate) fn newest<'a, E>(
+    all: &'a [E],
+    at: &mut usize,
     made_at: impl Fn(&E) -> u64,
     cycle: u64,
-) -> Option<&E> {
-    let estimates = estimates?;
-    let after = estimates.partition_point(|e| made_at(e) <= cycle);
-    estimates.get(after.checked_sub(1)?)
+) -> Option<&'a E> {
+    let after = partition_from(all, at, |e| made_at(e) <= cycle);
+    all.get(after.checked_sub(1)?)
 }
 
 fn estimate_sample(estimate: &NormalEstimate) -> EstimateSample {
@@ -227,6 +252,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_search_from_the_last_place_finds_what_a_search_of_all_finds() {
+        let all: Vec<u64> = (0..100).map(|i| i / 3).collect();
+        for from in 0..110 {
+            for wanted in 0..40 {
+                let mut at = from;
+                let found = partition_from(&all, &mut at, |x| *x < wanted);
+                assert_eq!(
+                    found,
+                    all.partition_point(|x| *x < wanted),
+                    "{from} {wanted}"
+                );
+                assert_eq!(found, at);
+            }
+        }
+    }
+
+    #[test]
     fn the_truth_nearest_in_stamp_is_taken_and_none_that_is_far() {
         let at = |ms: i64| ContactTruth {
             header: tangent_schemas::standard::Header::new(ms * 1_000_000, "base"),
@@ -234,8 +276,9 @@ mod tests {
             ..ContactTruth::default()
         };
         let truth = [at(0), at(8), at(16), at(500)];
-        let found =
-            |ms: i64| nearest(&truth, |t| &t.header, ms * 1_000_000).map(|t| t.penetration_m);
+        let found = |ms: i64| {
+            nearest(&truth, &mut 0, |t| &t.header, ms * 1_000_000).map(|t| t.penetration_m)
+        };
         assert_eq!(found(5), Some(8.0));
         assert_eq!(found(3), Some(0.0));
         assert_eq!(found(30), Some(16.0));

@@ -7,3 +7,4 @@ mod killed;
 mod mending;
 mod packing;
 mod restart;
+mod selection;

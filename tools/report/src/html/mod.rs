@@ -41,21 +41,43 @@ figcaption { font-size: .92em; padding: .2em .8em .5em; color: #333; } pre { ove
 @media print { body { max-width: none; margin: 0; color: #000; background: #fff; } figure, tr, .good, .bad {
   break-inside: avoid; } h2, .note { break-after: avoid; } figure svg { filter: none; } details { display: none; } }";
 
+/// What is drawn of a task without its figures.
+pub struct Drawn {
+    surface: String,
+    plots: String,
+}
+
+/// Draws a task.
+///
+/// # Errors
+/// A plot cannot be drawn.
+pub fn draw(run: &Run, task: &TaskRun<'_>) -> Result<Drawn, ReportError> {
+    Ok(Drawn {
+        surface: interactive::surface(run, task),
+        plots: plots::all(run, task)?,
+    })
+}
+
 /// Generates the page.
 ///
 /// # Errors
 /// A plot cannot be drawn.
-pub fn page(run: &Run, task: &TaskRun<'_>, report: &Report) -> Result<String, ReportError> {
+pub fn page(
+    run: &Run,
+    task: &TaskRun<'_>,
+    report: &Report,
+    drawn: &Drawn,
+) -> Result<String, ReportError> {
     let mut html = head(&title(run, report), &result(report));
     html.push_str(&when_and_where(run, task));
     html.push_str(&figures::introduction(task, report));
     html.push_str(&figures::losses(run, report));
     html.push_str(&figures::table(report));
     html.push_str(&phases::table(task));
-    html.push_str(&interactive::surface(run, task));
+    html.push_str(&drawn.surface);
     html.push_str("<h2>Plots</h2>\n");
     html.push_str(&phases::legend());
-    html.push_str(&plots::all(run, task)?);
+    html.push_str(&drawn.plots);
     html.push_str(&plots::estimators(run, task, report)?);
     html.push_str(&contents::faults(run, task));
     html.push_str(&contents::stored(run));
