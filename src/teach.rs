@@ -17,7 +17,8 @@ use tangent_mechanics::ModelData;
 use tangent_runtime::config::{Law, RobotDriver};
 use tangent_runtime::{Bus, CellConfig};
 use tangent_teach::{
-    ArmReader, Draft, DraftOptions, Guide, Key, Lesson, Pressed, Shape, Shown, TeachError, draft,
+    ArmLesson, Bridge, Draft, DraftOptions, KeptGuide, Key, Pressed, Shape, Shown, TeachError,
+    draft,
 };
 
 use crate::cli::Teach;
@@ -46,9 +47,9 @@ pub fn run(args: &Teach, config: &CellConfig, json: bool) -> Result<Outcome> {
     }
     let model = model(config)?;
     let bus = session::join(config)?;
-    let mut arm = ArmReader::open(&bus)?;
+    let mut lesson = ArmLesson::open(&bus)?;
     let guide = guide(args, config, &bus)?;
-    let taught = teach(args, config, &model, &mut arm, guide.as_ref())?;
+    let taught = teach(args, config, &model, &mut lesson, guide.as_ref())?;
     // The arm holds itself before anything else takes time.
     drop(guide);
     let Some(draft) = taught else {
@@ -59,20 +60,38 @@ pub fn run(args: &Teach, config: &CellConfig, json: bool) -> Result<Outcome> {
     report(&file, &draft, args, json)
 }
 
+/// The bridge of the cell's arm.
+pub fn bridge(config: &CellConfig) -> Bridge {
+    let is_franka = config.robot.driver == RobotDriver::Franka;
+    Bridge {
+        service: if is_franka { "franka" } else { "rtde" },
+        has_own_buttons: is_franka,
+    }
+}
+
+/// Where a path is shown, for a comment in its file.
+pub fn shown_on(config: &CellConfig) -> String {
+    format!("{} ({})", config.cell.name, config.robot.model)
+}
+
+/// Whether the cell's law moves the arm to a start pose.
+pub fn travels(config: &CellConfig) -> bool {
+    config.controller.law == Law::HybridAdmittance
+}
+
 /// Makes the arm free to be moved, where a program can do that.
-fn guide(args: &Teach, config: &CellConfig, bus: &Bus) -> Result<Option<Guide>> {
+fn guide(args: &Teach, config: &CellConfig, bus: &Bus) -> Result<Option<KeptGuide>> {
     if args.no_freedrive {
         return Ok(None);
     }
-    let franka = config.robot.driver == RobotDriver::Franka;
-    let service = if franka { "franka" } else { "rtde" };
-    match Guide::begin(bus, service) {
+    let bridge = bridge(config);
+    match KeptGuide::begin(bus, bridge.service) {
         Ok(guide) => {
             terminal::say("the arm is FREE: hold it, and move it by hand");
             Ok(Some(guide))
         }
         // The arm's own buttons are the only way there.
-        Err(TeachError::NotGuided(reason)) if franka => {
+        Err(TeachError::NotGuided(reason)) if bridge.has_own_buttons => {
             terminal::say(&reason);
             Ok(None)
         }
@@ -85,11 +104,11 @@ fn teach(
     args: &Teach,
     config: &CellConfig,
     model: &ModelData,
-    arm: &mut ArmReader,
-    guide: Option<&Guide>,
+    lesson: &mut ArmLesson,
+    guide: Option<&KeptGuide>,
 ) -> Result<Option<Draft>> {
     let flange_from_tool = config.tool.flange_from_tool();
-    let shown_on = format!("{} ({})", config.cell.name, config.robot.model);
+    let shown_on = shown_on(config);
     let options = DraftOptions {
         name: &args.name,
         shown_on: &shown_on,
@@ -102,7 +121,7 @@ fn teach(
         speed_m_per_s: args.speed,
         clearance_m: args.clearance_m,
         tolerance_m: args.tolerance_m,
-        travels: config.controller.law == Law::HybridAdmittance,
+        travels: travels(config),
         model,
         flange_from_tool: &flange_from_tool,
     };
@@ -110,13 +129,12 @@ fn teach(
     let keys = keys();
     let shows = std::io::stderr().is_terminal();
     let bar = shows.then(|| terminal::bar(0, "{wide_msg}"));
-    let mut lesson = Lesson::default();
     let taught = loop {
-        arm.drain(|shown| lesson.sample(shown));
+        lesson.look();
         if let Some(bar) = &bar {
-            show(bar, arm, &lesson);
+            show(bar, lesson);
         }
-        if let Some(reason) = guide.and_then(Guide::take_lost) {
+        if let Some(reason) = guide.and_then(KeptGuide::take_lost) {
             terminal::say(&format!(
                 "the arm is not free any more: {reason}; `d` writes what was shown"
             ));
@@ -136,21 +154,18 @@ fn teach(
             Key::Point if args.stroke => Key::Stroke,
             key => key,
         };
-        // The state of the moment in which the key was pressed.
-        arm.drain(|shown| lesson.sample(shown));
-        let now = match arm.now() {
-            Ok(now) => now,
-            Err(error) if key != Key::Quit => {
+        let pressed = match lesson.press(key) {
+            Ok(pressed) => pressed,
+            Err(error) => {
                 terminal::say(&format!("not taken: {error}"));
                 continue;
             }
-            Err(_) => break None,
         };
-        match lesson.press(key, now) {
+        match pressed {
             Pressed::Taken(words) => terminal::say(&words),
             Pressed::Refused(words) => terminal::say(&format!("not taken: {words}")),
             Pressed::Quit => break None,
-            Pressed::Done => match draft(&lesson, &options) {
+            Pressed::Done => match draft(lesson.lesson(), &options) {
                 Ok(draft) => break Some(draft),
                 Err(error) => terminal::say(&format!("not done: {error}")),
             },
@@ -193,13 +208,13 @@ fn keys() -> Receiver<Option<Key>> {
 }
 
 /// Shows where the tool is, and what was taken.
-fn show(bar: &ProgressBar, arm: &ArmReader, lesson: &Lesson) {
-    let (points, strokes) = lesson.counts();
-    let place = match arm.now() {
+fn show(bar: &ProgressBar, lesson: &ArmLesson) {
+    let (points, strokes) = lesson.lesson().counts();
+    let place = match lesson.now() {
         Ok(now) => in_words(now),
         Err(error) => error.to_string(),
     };
-    let stroke = if lesson.is_stroking() {
+    let stroke = if lesson.lesson().is_stroking() {
         ", taking a stroke"
     } else {
         ""

@@ -1,8 +1,10 @@
 //! `tangent teach`.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use clap::Args;
+use tangent_teach::{CLEARANCE_M, SPACING_M, TOLERANCE_M};
 
 /// Options of `tangent teach`.
 #[derive(Debug, Args)]
@@ -53,20 +55,24 @@ fn name(text: &str) -> Result<String, String> {
 }
 
 fn clearance(text: &str) -> Result<f64, String> {
-    within(text, 0.005, 0.3)
+    within(text, CLEARANCE_M)
 }
 
 fn spacing(text: &str) -> Result<f64, String> {
-    within(text, 0.0005, 0.5)
+    within(text, SPACING_M)
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {
-    within(text, 0.0002, 0.02)
+    within(text, TOLERANCE_M)
 }
 
-fn within(text: &str, lower: f64, upper: f64) -> Result<f64, String> {
+fn within(text: &str, allowed: RangeInclusive<f64>) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if (lower..=upper).contains(&value) => Ok(value),
-        _ => Err(format!("allowed is {lower} to {upper}")),
+        Ok(value) if allowed.contains(&value) => Ok(value),
+        _ => Err(format!(
+            "allowed is {} to {}",
+            allowed.start(),
+            allowed.end()
+        )),
     }
 }

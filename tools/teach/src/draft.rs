@@ -1,5 +1,7 @@
 //! The task file of a lesson: a path in the plane of the first point, and the start pose above it.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::{Vector2, Vector3};
 use tangent_control::Task;
 use tangent_control::contact::alignment::plane_axes;
@@ -18,6 +20,13 @@ const REACH_M: f64 = 2.0;
 const UNEVEN_M: f64 = 0.01;
 /// The approach continues this far below the height at which the first point was shown, m.
 const BELOW_M: f64 = 0.03;
+
+/// Allowed heights of the start pose above the first place, m.
+pub const CLEARANCE_M: RangeInclusive<f64> = 0.005..=0.3;
+/// Allowed distances between the rows of a region, m.
+pub const SPACING_M: RangeInclusive<f64> = 0.0005..=0.5;
+/// Allowed distances of a stroke from the path that is made of it, m.
+pub const TOLERANCE_M: RangeInclusive<f64> = 0.0002..=0.02;
 
 /// Shape of the path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -83,6 +92,7 @@ pub struct Draft {
 /// Too little was shown, a place is too far away, the arm cannot stand above the first point, or an
 /// option is out of its range.
 pub fn draft(lesson: &Lesson, options: &DraftOptions<'_>) -> Result<Draft, TeachError> {
+    check_options(options)?;
     let first = first(lesson).ok_or(TeachError::TooFew {
         shown: "nothing".to_owned(),
         wanted: "a path needs two places: Enter takes one, `s` begins and ends a stroke",
@@ -128,6 +138,28 @@ pub fn draft(lesson: &Lesson, options: &DraftOptions<'_>) -> Result<Draft, Teach
         start_joints_rad,
         notes: notes(lesson, &plane, options.travels),
     })
+}
+
+fn check_options(options: &DraftOptions<'_>) -> Result<(), TeachError> {
+    let spacing = match options.shape {
+        Shape::Region { spacing_m } => Some(("spacing_m", spacing_m, SPACING_M)),
+        Shape::Open | Shape::Polygon => None,
+    };
+    let others = [
+        ("clearance_m", options.clearance_m, CLEARANCE_M),
+        ("tolerance_m", options.tolerance_m, TOLERANCE_M),
+    ];
+    for (option, value, allowed) in others.into_iter().chain(spacing) {
+        if !allowed.contains(&value) {
+            return Err(TeachError::Option {
+                option,
+                value,
+                least: *allowed.start(),
+                most: *allowed.end(),
+            });
+        }
+    }
+    Ok(())
 }
 
 fn first(lesson: &Lesson) -> Option<&Shown> {

@@ -10,6 +10,27 @@ pub enum TeachError {
     /// The bridge does not let a hand guide the arm.
     #[error("the arm is not given to the hand: {0}")]
     NotGuided(String),
+    /// Another person teaches.
+    #[error("{0} teaches with this arm: wait until that is saved or discarded")]
+    Taken(String),
+    /// No lesson was begun.
+    #[error("nothing is being taught: begin first")]
+    NotBegun,
+    /// A key did nothing.
+    #[error("not taken: {0}")]
+    NotTaken(&'static str),
+    /// An option is out of its range.
+    #[error("{option} = {value} is not allowed: {least} to {most}")]
+    Option {
+        /// Name of the option.
+        option: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least value.
+        least: f64,
+        /// Greatest value.
+        most: f64,
+    },
     /// No state of the arm is received.
     #[error("no arm/state received: is the bridge connected to the robot? See `tangent status`")]
     NoArm,

@@ -1,6 +1,7 @@
 //! What a person shows: points and strokes, taken by keys. Pure: keys and poses go in, words for
 //! the person come out.
 
+use nalgebra::Vector3;
 use tangent_mechanics::{Base, Pose, Tool};
 
 /// Distance between two samples of a stroke, m.
@@ -90,6 +91,18 @@ pub struct Lesson {
     pub(crate) marks: Vec<Mark>,
     pub(crate) home: Option<Shown>,
     stroke: Option<Vec<Shown>>,
+    changes: u64,
+}
+
+/// Tool's places of a part of what was shown, base axes, m.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Places {
+    /// A point.
+    Point(Vector3<f64>),
+    /// A stroke, also one that is being taken.
+    Stroke(Vec<Vector3<f64>>),
+    /// Home.
+    Home(Vector3<f64>),
 }
 
 impl Lesson {
@@ -105,6 +118,39 @@ impl Lesson {
         self.stroke.is_some()
     }
 
+    /// Whether a home was taken.
+    pub fn has_home(&self) -> bool {
+        self.home.is_some()
+    }
+
+    /// Whether nothing was taken.
+    pub fn is_empty(&self) -> bool {
+        self.marks.is_empty() && self.home.is_none() && self.stroke.is_none()
+    }
+
+    /// Counts the changes of what was shown.
+    pub fn changes(&self) -> u64 {
+        self.changes
+    }
+
+    /// Where the tool was, for a picture: of each stroke at most `stroke_max` places, at least two.
+    pub fn places(&self, stroke_max: usize) -> Vec<Places> {
+        let place = |shown: &Shown| shown.base_from_tool.translation();
+        let stroke = |samples: &[Shown]| {
+            let step = samples.len().div_ceil(stroke_max.max(2) - 1).max(1);
+            let mut places: Vec<_> = samples.iter().step_by(step).map(place).collect();
+            places.extend(samples.last().map(place));
+            Places::Stroke(places)
+        };
+        let marks = self.marks.iter().map(|mark| match mark {
+            Mark::Point(shown) => Places::Point(place(shown)),
+            Mark::Stroke(samples) => stroke(samples),
+        });
+        let open = self.stroke.as_deref().map(stroke);
+        let home = self.home.as_ref().map(|home| Places::Home(place(home)));
+        marks.chain(open).chain(home).collect()
+    }
+
     /// Takes the arm where it moves; matters during a stroke only.
     pub fn sample(&mut self, now: &Shown) {
         let Some(stroke) = &mut self.stroke else {
@@ -115,11 +161,13 @@ impl Lesson {
             .is_none_or(|last| last.away_m(now) >= SAMPLE_M);
         if moved && stroke.len() < SAMPLES_MAX {
             stroke.push(now.clone());
+            self.changes += 1;
         }
     }
 
     /// Handles a key, with the arm at `now`.
     pub fn press(&mut self, key: Key, now: &Shown) -> Pressed {
+        self.changes += 1;
         match key {
             Key::Point if self.is_stroking() => {
                 Pressed::Refused("a stroke is being taken: `s` ends it")
@@ -177,7 +225,7 @@ impl Lesson {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{UnitQuaternion, Vector3};
+    use nalgebra::UnitQuaternion;
 
     fn at(x: f64) -> Shown {
         Shown {
@@ -224,7 +272,14 @@ mod tests {
         // One sample per millimetre, not one per packet.
         assert!((10..=12).contains(&stroke.len()), "{}", stroke.len());
         assert_eq!(lesson.counts(), (1, 1));
+        let [Places::Point(point), Places::Stroke(line)] = &lesson.places(4)[..] else {
+            panic!("{:?}", lesson.places(4));
+        };
+        assert_eq!((point.x, line[0].x), (0.0, 0.1));
+        assert!((2..=4).contains(&line.len()) && line.last().unwrap().x == 0.11);
+        let changes = lesson.changes();
         lesson.press(Key::Undo, &at(0.0));
+        assert!(lesson.changes() > changes);
         assert_eq!(lesson.counts(), (1, 0));
         assert_eq!(lesson.press(Key::Done, &at(0.0)), Pressed::Done);
     }
