@@ -18,6 +18,7 @@ mod live_view;
 mod model;
 mod new_cell;
 mod output;
+mod page_teacher;
 mod report;
 mod reproduce;
 mod robot;

@@ -14,6 +14,7 @@ use tangent_ui::{Calibration, CalibrationStep, Calibrator, Config, Reporter, Too
 use crate::calibrate;
 use crate::cli::{POSES, Ui, UiRole};
 use crate::output::{Outcome, bad_usage, print_json};
+use crate::page_teacher::PageTeacher;
 
 /// Name of the person whose token is valid for one run of the page.
 const LOCAL: &str = "local";
@@ -51,6 +52,7 @@ pub fn run(args: &Ui, mut cell: CellConfig, json: bool) -> Result<Outcome> {
             .map(|(_, page)| page)
             .map_err(|error| error.to_string())
     });
+    let teach = Arc::new(PageTeacher::new(&bus, &cell, model));
     let calibrate: Calibrator = {
         let (bus, cell, poses) = (bus.clone(), cell, Mutex::new(Vec::new()));
         Arc::new(move |step| {
@@ -62,6 +64,7 @@ pub fn run(args: &Ui, mut cell: CellConfig, json: bool) -> Result<Outcome> {
     let tools = Tools {
         report: Some(report),
         calibrate: Some(calibrate),
+        teach: Some(teach),
     };
     tangent_ui::run(config, &bus, &stop, tools, |address| {
         let mut page = format!("http://{address}/");

@@ -2,6 +2,7 @@
 
 import { follow, get, hasToken, post, setToken } from "./link.js";
 import { ForcePlot } from "./plot.js";
+import { Teaching } from "./teach.js";
 import { load, say } from "./texts.js";
 
 const OLD_MS = 1000;
@@ -14,6 +15,7 @@ const number = (value, digits, unit) => (value == null ? "–" : `${value.toFixe
 let about = null;
 let plot = null;
 let scene = null;
+let teaching = null;
 let newest = null;
 let newest_at = -Infinity;
 let refused = "";
@@ -77,11 +79,7 @@ async function learn() {
   const { name, role } = about.you;
   $("you").textContent = role ? say("you", { name, role: say(`role.${role}`) }) : say("you.nobody");
   $("sign-in").open = !role && about.has_tokens;
-  for (const task of about.tasks) {
-    const text = say("task.file", { file: task.file, name: task.name, force: task.force_n });
-    $("tasks").append(new Option(text, task.file));
-  }
-  if (!about.tasks.length) $("tasks").append(new Option(say("task.none"), ""));
+  list_tasks(about.tasks);
   $("force-limit").textContent = number(about.force_max_n, 0, "N");
   $("dose-note").textContent = about.tip_radius_mm
     ? say("dose.note", { radius: about.tip_radius_mm })
@@ -95,8 +93,33 @@ async function learn() {
     $("scene").hidden = true;
     $("no-scene").hidden = false;
   }
+  if (about.can_teach && role === "engineer") {
+    const show = (marks) => scene?.taught(marks);
+    teaching = new Teaching(name, { saved: read_tasks, show });
+  }
   $("calibration-panel").hidden = !(about.can_calibrate && role === "engineer");
   list_recordings();
+}
+
+function list_tasks(tasks) {
+  about.tasks = tasks;
+  const options = tasks.map((task) => {
+    const text = say("task.file", { file: task.file, name: task.name, force: task.force_n });
+    return new Option(text, task.file);
+  });
+  if (!options.length) options.push(new Option(say("task.none"), ""));
+  $("tasks").replaceChildren(...options);
+}
+
+// Lists the tasks again, and chooses one of them.
+async function read_tasks(file) {
+  try {
+    const { tasks } = await (await get("/api/tasks")).json();
+    list_tasks(tasks);
+    $("tasks").value = file;
+  } catch {
+    // The banner says that there is no connection.
+  }
 }
 
 function take(snapshot) {
@@ -107,6 +130,7 @@ function take(snapshot) {
   show_force(snapshot);
   scene?.show(snapshot.space);
   ask_dose(snapshot.dose);
+  teaching?.take(snapshot.teach);
   // Words need not change more often than they can be read.
   if (snapshot.number % 5 === 0 || !$("lights").childElementCount) {
     show_lights(snapshot.lights);

@@ -41,6 +41,8 @@ export class ArmScene {
     this.cells = this.instances(new THREE.PlaneGeometry(1, 1), CELLS_MAX, { side: THREE.DoubleSide });
     this.holes = this.instances(new THREE.SphereGeometry(0.5, 8, 6), HOLES_MAX, {});
     this.points = new Map();
+    this.shown = new THREE.Group();
+    this.scene.add(this.shown);
     this.dress();
     this.resize();
     new ResizeObserver(() => this.resize()).observe(place);
@@ -64,6 +66,7 @@ export class ArmScene {
     this.scene.add(this.grid);
     this.colours = { under: colour("--under"), good: colour("--dose-good"), over: colour("--over") };
     this.holes.material.color = colour("--hole");
+    this.taught_look = { mark: colour("--mark"), home: colour("--accent") };
     this.paint();
     this.ask();
   }
@@ -138,6 +141,30 @@ export class ArmScene {
       link.position.copy(joints[i]).addScaledVector(along, 0.5);
       link.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
     });
+  }
+
+  // Draws the places that were taught: balls, and lines along strokes.
+  taught(marks) {
+    for (const old of this.shown.children) {
+      old.geometry.dispose();
+      old.material.dispose();
+    }
+    this.shown.clear();
+    for (const { kind, places_mm } of marks) {
+      const places = places_mm.map((at) => vector(at).multiplyScalar(0.001));
+      if (!places.length) continue;
+      const color = kind === "home" ? this.taught_look.home : this.taught_look.mark;
+      if (kind === "stroke") {
+        const shape = new THREE.BufferGeometry().setFromPoints(places);
+        this.shown.add(new THREE.Line(shape, new THREE.LineBasicMaterial({ color })));
+      }
+      const ball = new THREE.SphereGeometry(kind === "home" ? 0.008 : 0.004, 12, 8);
+      const mark = new THREE.Mesh(ball, new THREE.MeshBasicMaterial({ color }));
+      mark.position.copy(places[0]);
+      this.shown.add(mark);
+    }
+    this.place.dataset.taught = String(marks.length);
+    this.ask();
   }
 
   // Takes in the answer of /api/dose.

@@ -1,7 +1,7 @@
 //! Settings of the service.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tangent_mechanics::ModelData;
@@ -11,6 +11,7 @@ use tangent_scene::SceneConfig;
 
 use crate::UiError;
 use crate::access::Tokens;
+use crate::tasks::SaveError;
 
 /// Settings of [`crate::run`].
 #[derive(Clone, Debug)]
@@ -25,6 +26,8 @@ pub struct Config {
     pub tokens: Tokens,
     /// Folder with the task files.
     pub tasks: PathBuf,
+    /// Folder of the cell for its own task files, if it does not exist: nothing is saved then.
+    pub missing_tasks: Option<PathBuf>,
     /// Folder with the recordings.
     pub recordings: PathBuf,
     /// Reaction to the loss of the page.
@@ -40,6 +43,17 @@ pub struct Config {
 }
 
 impl Config {
+    /// The folder in which task files are saved.
+    ///
+    /// # Errors
+    /// The cell has none.
+    pub fn saved_tasks(&self) -> Result<&Path, SaveError> {
+        match &self.missing_tasks {
+            Some(missing) => Err(SaveError::NoFolder(missing.clone())),
+            None => Ok(&self.tasks),
+        }
+    }
+
     /// From a cell's `[ui]` section. Reads the file of the tokens.
     ///
     /// # Errors
@@ -56,9 +70,9 @@ impl Config {
             None => Tokens::default(),
         };
         // Without a folder of its own, the built-in cell uses the tasks that ship.
-        let tasks = match section.tasks.is_dir() {
-            true => section.tasks.clone(),
-            false => PathBuf::from("deploy/tasks"),
+        let (tasks, missing_tasks) = match section.tasks.is_dir() {
+            true => (section.tasks.clone(), None),
+            false => (PathBuf::from("deploy/tasks"), Some(section.tasks.clone())),
         };
         Ok(Self {
             cell: cell.cell.name.clone(),
@@ -66,6 +80,7 @@ impl Config {
             hosts: section.hosts.clone(),
             tokens,
             tasks,
+            missing_tasks,
             recordings: cell.recorder.folder.clone(),
             on_lost_page: section.on_lost_page,
             lost_page_after: Duration::from_secs_f64(section.lost_page_after_s),

@@ -18,7 +18,9 @@ mod pages;
 mod recordings;
 mod server;
 mod snapshot;
+mod task_band;
 mod tasks;
+mod teach;
 mod tools;
 mod watcher;
 
@@ -35,6 +37,8 @@ pub use config::Config;
 pub use error::UiError;
 use server::Shared;
 use tangent_scene::dose::DoseMap;
+pub use tasks::SaveError;
+pub use teach::{TaskWish, TaughtMark, TaughtShape, TaughtTask, TeachState, TeachStep, Teacher};
 pub use tools::{Calibration, CalibrationStep, Calibrator, Reporter, Tools};
 use watcher::Watcher;
 

@@ -106,10 +106,35 @@ impl Seen<'_> {
                     [("why", json!(why))],
                 )
             }
-            Some((_, age)) => {
-                Light::new("robot", Level::Good, "robot.ready", [("ms", millis(age))])
-            }
+            Some((_, age)) => match self.rate_of(&["rtde", "franka"]) {
+                Some(hz) => {
+                    let values = [("ms", millis(age)), ("hz", hertz(hz))];
+                    Light::new("robot", Level::Good, "robot.ready_at", values)
+                }
+                None => Light::new("robot", Level::Good, "robot.ready", [("ms", millis(age))]),
+            },
         }
+    }
+
+    /// Rate at which the first of these services that reports it handles the robot's states, Hz.
+    fn rate_of(&self, services: &[&str]) -> Option<f64> {
+        let of = |name: &&str| {
+            let health = self.health_of(name)?;
+            let names = health.rate_names.iter();
+            let (_, hz) = names
+                .zip(&health.rates_hz)
+                .find(|(n, _)| *n == "arm_state")?;
+            (hz.is_finite() && *hz > 0.0).then_some(*hz)
+        };
+        services.iter().find_map(of)
+    }
+
+    /// Newest health of a service, unless it is old.
+    fn health_of(&self, name: &str) -> Option<&Health> {
+        let fresh = |(health, age): &&(&Health, Duration)| {
+            health.service.as_str() == name && *age <= MISSING
+        };
+        self.healths.iter().find(fresh).map(|(health, _)| *health)
     }
 
     fn fresh_control(&self) -> Option<&ControlState> {
@@ -180,12 +205,21 @@ impl Seen<'_> {
                     [("why", why)],
                 )
             }
-            Some((_, age)) => Light::new(
-                "controller",
-                Level::Good,
-                "controller.good",
-                [("ms", millis(age))],
-            ),
+            Some((_, age)) => self.controller_works(age),
+        }
+    }
+
+    /// A controller without a fault, whose state has this age.
+    fn controller_works(&self, age: Duration) -> Light {
+        let (ms, bridge) = (("ms", millis(age)), self.health_of("rtde"));
+        let bridge = bridge.or_else(|| self.health_of("franka"));
+        match (self.rate_of(&["controller"]), bridge) {
+            (Some(hz), Some(bridge)) => {
+                let missed = ("missed", json!(bridge.missed_cycles));
+                let values = [ms, ("hz", hertz(hz)), missed];
+                Light::new("controller", Level::Good, "controller.good_at", values)
+            }
+            _ => Light::new("controller", Level::Good, "controller.good", [ms]),
         }
     }
 }
@@ -219,6 +253,10 @@ fn of_health(health: &Health, age: Duration) -> Light {
 
 fn millis(age: Duration) -> Value {
     json!((age.as_secs_f64() * 1e3).round())
+}
+
+fn hertz(hz: f64) -> Value {
+    json!(hz.round())
 }
 
 fn seconds(age: Duration) -> Value {
@@ -259,6 +297,43 @@ mod tests {
         let lights = seen.lights();
         assert_eq!(lights.len(), 6);
         assert!(lights.iter().all(|l| l.level == Level::Good), "{lights:?}");
+    }
+
+    #[test]
+    fn rates_and_missed_cycles_are_those_of_the_services() {
+        let arm = ArmState {
+            ready: true,
+            ..ArmState::default()
+        };
+        let control = ControlState::default();
+        let health = |name: &str, hz, missed_cycles| Health {
+            service: name.try_into().unwrap(),
+            state: State::Running as u8,
+            rate_names: vec!["other".to_owned(), "arm_state".to_owned()],
+            rates_hz: vec![1.0, hz],
+            missed_cycles,
+            ..Health::default()
+        };
+        let (rtde, controller) = (health("rtde", 499.8, 3), health("controller", 500.2, 0));
+        let at = |age: Duration| {
+            Seen {
+                arm: Some((&arm, Duration::from_millis(2))),
+                control: Some((&control, Duration::from_millis(2))),
+                healths: &[(&rtde, age), (&controller, age)],
+            }
+            .lights()
+        };
+        let lights = at(NOW);
+        let values = |part: &str| {
+            let found = lights.iter().find(|light| light.part == part).unwrap();
+            json!([found.code, found.values])
+        };
+        let robot = json!(["robot.ready_at", { "hz": 500.0, "ms": 2.0 }]);
+        assert_eq!(values("robot"), robot);
+        let works = json!(["controller.good_at", { "hz": 500.0, "missed": 3, "ms": 2.0 }]);
+        assert_eq!(values("controller"), works);
+        // What was said long ago is not said again.
+        assert_eq!(light(&at(LATE), "robot").1, "robot.ready");
     }
 
     #[test]

@@ -9,6 +9,7 @@ const FILES: &[(&str, &str, &[u8])] = &[
     ("/page.js", JS, include_bytes!("../page/page.js")),
     ("/link.js", JS, include_bytes!("../page/link.js")),
     ("/plot.js", JS, include_bytes!("../page/plot.js")),
+    ("/teach.js", JS, include_bytes!("../page/teach.js")),
     ("/scene.js", JS, include_bytes!("../page/scene.js")),
     ("/texts.js", JS, include_bytes!("../page/texts.js")),
     (
@@ -107,9 +108,16 @@ mod tests {
     fn every_text_is_in_the_file_of_the_language_and_is_used() {
         let texts: serde_json::Map<String, serde_json::Value> =
             serde_json::from_str(text("/texts.en.json")).unwrap();
-        let source: String = ["/", "/page.js", "/plot.js", "/scene.js", "/link.js"]
-            .map(text)
-            .concat();
+        let source: String = [
+            "/",
+            "/page.js",
+            "/plot.js",
+            "/scene.js",
+            "/link.js",
+            "/teach.js",
+        ]
+        .map(text)
+        .concat();
         let mut used = BTreeSet::new();
         for (start, end) in [
             ("data-text=\"", '"'),

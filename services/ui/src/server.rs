@@ -17,6 +17,7 @@ use axum::{Extension, Router};
 use futures_util::stream;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use tangent_mechanics::{Base, Pose, World};
 use tangent_runtime::bus::answer::{done, refused};
 use tangent_runtime::clock;
 use tangent_runtime::config::OnLostPage;
@@ -28,8 +29,10 @@ use crate::config::Config;
 use crate::connection::{Bounded, Peer};
 use crate::pages::Pages;
 use crate::snapshot::LastCommand;
+use crate::task_band::TaskBand;
+use crate::teach::{TaskWish, TeachStep};
 use crate::tools::{CalibrationStep, Tools};
-use crate::{export, lock, page, recordings, tasks};
+use crate::{export, lock, page, recordings, tasks, teach};
 use tangent_scene::dose::{DoseMap, Judgement};
 
 /// Largest body of a request, bytes.
@@ -40,8 +43,10 @@ pub const STREAMS_MAX: usize = 32;
 const COMMANDS_MAX: usize = 3;
 /// Largest number of stops that wait for the cell.
 const STOPS_MAX: usize = 4;
-/// Threads for what waits: commands, stops, a calibration and files.
-pub const WAITING_THREADS: usize = COMMANDS_MAX + STOPS_MAX + 5;
+/// Largest number of signs of life of a teaching person that wait for the cell.
+const SIGNS_MAX: usize = 2;
+/// Threads for what waits: commands, stops, teaching, a calibration and files.
+pub const WAITING_THREADS: usize = COMMANDS_MAX + STOPS_MAX + SIGNS_MAX + 6;
 /// What the page may load and do: only what this host serves.
 const POLICY: &str = "default-src 'self'; img-src 'self' blob: data:; style-src 'self'; \
     base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -57,6 +62,9 @@ pub struct Shared {
     pub pages: Mutex<Pages>,
     pub snapshots: watch::Sender<Bytes>,
     pub tools: Tools,
+    /// Pose of the arm's base, once it is known.
+    pub world_from_base: Mutex<Option<Pose<World, Base>>>,
+    pub task_band: TaskBand,
     last_command: Mutex<Option<LastCommand>>,
     commands_so_far: AtomicU64,
     streams: Arc<Semaphore>,
@@ -64,6 +72,8 @@ pub struct Shared {
     stops: Semaphore,
     reports: Semaphore,
     calibrations: Semaphore,
+    lessons: Semaphore,
+    signs: Semaphore,
 }
 
 impl Shared {
@@ -75,6 +85,8 @@ impl Shared {
             dose: Mutex::new(dose),
             snapshots: watch::channel(Bytes::new()).0,
             tools,
+            world_from_base: Mutex::default(),
+            task_band: TaskBand::default(),
             last_command: Mutex::default(),
             commands_so_far: AtomicU64::new(0),
             streams: Arc::new(Semaphore::new(STREAMS_MAX)),
@@ -82,6 +94,8 @@ impl Shared {
             stops: Semaphore::new(STOPS_MAX),
             reports: Semaphore::new(1),
             calibrations: Semaphore::new(1),
+            lessons: Semaphore::new(1),
+            signs: Semaphore::new(SIGNS_MAX),
         }
     }
 
@@ -100,6 +114,11 @@ impl Shared {
         };
         *lock(&self.last_command) = Some(last);
         json!({ "done": answer.done, "message": answer.message })
+    }
+
+    /// Wanted dose, N*s/cm²: that of the task, else that of the cell file.
+    pub fn dose_band(&self) -> Option<[f64; 2]> {
+        self.task_band.get().or(self.config.dose_band)
     }
 
     /// The last command of a page.
@@ -127,6 +146,8 @@ fn router(shared: Arc<Shared>) -> Router {
         .route("/api/recordings", get(list_recordings))
         .route("/api/report", post(report))
         .route("/api/calibrate", post(calibrate))
+        .route("/api/tasks", get(list_tasks))
+        .route("/api/teach", get(taught).post(teach_step))
         .route("/recordings/{file}", get(recording))
         .fallback(get(page_file))
         .layer(DefaultBodyLimit::max(BODY_MAX))
@@ -263,8 +284,15 @@ async fn about(State(shared): State<Arc<Shared>>, Extension(who): Extension<Who>
         "has_tokens": !config.tokens.is_empty(),
         "can_report": shared.tools.report.is_some(),
         "can_calibrate": shared.tools.calibrate.is_some(),
+        "can_teach": shared.tools.teach.is_some(),
         "you": { "name": who.name, "role": who.role },
     }))
+}
+
+async fn list_tasks(State(shared): State<Arc<Shared>>) -> Response {
+    let folder = shared.config.tasks.clone();
+    let listed = waiting(move || tasks::list(&folder)).await;
+    answer(&json!({ "tasks": listed.unwrap_or_default() }))
 }
 
 /// Runs what may wait in a thread of its own; `None` if it panicked.
@@ -362,7 +390,7 @@ struct Since {
 
 async fn dose(State(shared): State<Arc<Shared>>, Query(since): Query<Since>) -> Response {
     let map = lock(&shared.dose);
-    let judged = map.judge(shared.config.dose_band);
+    let judged = map.judge(shared.dose_band());
     answer(&export::json(&map, &judged, since.epoch, since.revision))
 }
 
@@ -381,7 +409,7 @@ fn exported(
     write: impl Fn(&DoseMap, &Judgement) -> String,
 ) -> Response {
     let map = lock(&shared.dose);
-    let text = write(&map, &map.judge(shared.config.dose_band));
+    let text = write(&map, &map.judge(shared.dose_band()));
     drop(map);
     let name = format!(
         "attachment; filename=\"dose-{}.{ending}\"",
@@ -459,6 +487,66 @@ async fn calibrate(
     let asked = ("calibrate", step.name());
     shared.desk.record(&who, asked, &outcome, began);
     answer(&json!(state))
+}
+
+/// What a person who teaches wants.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+enum Lesson {
+    Step(TeachStep),
+    Save(TaskWish),
+}
+
+/// Carries out a step of teaching by hand, or writes the task.
+async fn teach_step(
+    State(shared): State<Arc<Shared>>,
+    Extension(who): Extension<Who>,
+    body: Bytes,
+) -> Response {
+    let wanted = match serde_json::from_slice::<Lesson>(&body) {
+        Ok(wanted) => wanted,
+        Err(error) => {
+            let why = format!("not {{\"step\": STEP}} or {{\"save\": TASK}}: {error}");
+            return refuse(StatusCode::BAD_REQUEST, &why);
+        }
+    };
+    if !who.may(Role::Engineer) {
+        return refuse(StatusCode::UNAUTHORIZED, "teaching needs the role engineer");
+    }
+    let Some(teacher) = shared.tools.teach.clone() else {
+        let why = "this page does not teach: use `tangent teach`";
+        return refuse(StatusCode::NOT_FOUND, why);
+    };
+    // A sign of life does not wait for a step.
+    let lane = match wanted {
+        Lesson::Step(TeachStep::Keep) => &shared.signs,
+        _ => &shared.lessons,
+    };
+    let Ok(_place) = lane.try_acquire() else {
+        let why = "another step is being carried out: try again in a moment";
+        return refuse(StatusCode::SERVICE_UNAVAILABLE, why);
+    };
+    let working = Arc::clone(&shared);
+    let carried_out = waiting(move || match wanted {
+        Lesson::Step(step) => teach::step(&working, &teacher, &who, step),
+        Lesson::Save(wish) => teach::save(&working, &teacher, &who, &wish),
+    });
+    match carried_out.await {
+        Some(value) => answer(&value),
+        None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "teaching failed"),
+    }
+}
+
+/// What is being taught, in space.
+async fn taught(State(shared): State<Arc<Shared>>) -> Response {
+    let Some(teacher) = shared.tools.teach.clone() else {
+        return answer(&json!({ "revision": 0, "marks": [] }));
+    };
+    let reading = Arc::clone(&shared);
+    match waiting(move || teach::marks(&reading, &teacher)).await {
+        Some(value) => answer(&value),
+        None => refuse(StatusCode::INTERNAL_SERVER_ERROR, "teaching failed"),
+    }
 }
 
 #[derive(Deserialize)]

@@ -9,6 +9,7 @@ use tangent_mechanics::{Base, Chain, Pose, Tool, World};
 use tangent_schemas::tangent::{ArmState, ControlState, Health, NormalEstimate};
 
 use crate::lights::{Light, Seen};
+use crate::teach::TeachState;
 
 /// Force since the last snapshot, N: a peak between two snapshots is shown too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -219,6 +220,8 @@ pub struct Snapshot {
     pub dose: [u64; 2],
     /// Number of pages that are open, and of those that may command.
     pub pages: [usize; 2],
+    /// What is being taught, if anything.
+    pub teach: Option<TeachState>,
     /// The last command of a page.
     pub last_command: Option<LastCommand>,
 }
@@ -315,6 +318,7 @@ mod tests {
             lights: lights(None, Some((&bad, Duration::ZERO)), &[]),
             dose: [0, 0],
             pages: [1, 0],
+            teach: None,
             last_command: None,
         };
         let text = serde_json::to_string(&snapshot).unwrap();

@@ -20,6 +20,10 @@ use tangent_schemas::topics::queries;
 use super::*;
 use crate::access::Role;
 
+mod teaching;
+
+use teaching::Pupil;
+
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A calibration that counts its poses, and refuses the third.
@@ -49,6 +53,7 @@ fn tools() -> Tools {
     Tools {
         report: None,
         calibrate: Some(calibrate),
+        teach: Some(Arc::new(Pupil::default())),
     }
 }
 
@@ -72,6 +77,7 @@ impl Page {
         config.address.set_port(0);
         config.recordings = folder.path().to_owned();
         config.tasks = folder.path().to_owned();
+        config.missing_tasks = None;
         std::fs::write(
             folder.path().join("wipe.toml"),
             "name = 'wipe'\nforce.reference_n = 3.0\n[path]\nkind = 'stay'\nduration_s = 1.0\n",
@@ -361,6 +367,25 @@ fn hostile_bodies_are_refused_and_the_page_goes_on() {
         assert_eq!(page.get(&format!("/api/dose?{query}")).0, 400, "{query}");
     }
     assert_eq!(page.get("/api/about").0, 200);
+}
+
+#[test]
+fn the_dose_is_judged_by_the_band_of_the_task_that_runs() {
+    let page = Page::start(|config| config.dose_band = Some([1.0, 2.0]));
+    let region = include_str!("../../../deploy/tasks/region.toml");
+    let shown =
+        move |_: &str, _: Request| answer::done_with("region", &json!({ "task_toml": region }));
+    let _show = page.bus.answer(queries::CONTROL_SHOW, shown).unwrap();
+    assert_eq!(page.get_json("/api/dose")["band"], json!([1.0, 2.0]));
+    let controls = page.bus.publisher(&topics::CONTROL_STATE).unwrap();
+    let until = Instant::now() + PATIENCE;
+    for cycle in 0.. {
+        controls.publish(&states(cycle, cycle as f64 * 0.01, 0.0).1);
+        if page.get_json("/api/dose")["band"] == json!([0.8, 8.0]) {
+            return;
+        }
+        assert!(Instant::now() < until);
+    }
 }
 
 /// Browsers that never read hold up neither the cell nor a browser that reads.

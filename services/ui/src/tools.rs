@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::teach::Teacher;
+
 /// Writes the report of a recording, and returns its file.
 pub type Reporter = Arc<dyn Fn(&Path) -> Result<PathBuf, String> + Send + Sync>;
 /// Carries out a step of the payload's calibration. Blocks for some seconds at most.
@@ -17,6 +19,8 @@ pub struct Tools {
     pub report: Option<Reporter>,
     /// Calibrates the payload.
     pub calibrate: Option<Calibrator>,
+    /// Teaches tasks by hand.
+    pub teach: Option<Arc<dyn Teacher>>,
 }
 
 /// A step of the payload's calibration.

@@ -38,6 +38,7 @@ const ARMS: usize = 64;
 /// Reader of the cell.
 pub struct Watcher {
     shared: Arc<Shared>,
+    bus: Bus,
     arms: Subscription<ArmState>,
     controls: Subscription<ControlState>,
     base: Latest<PoseWithCovarianceStamped>,
@@ -69,6 +70,8 @@ impl Watcher {
     /// The bus refuses a topic.
     pub fn new(bus: &Bus, shared: &Arc<Shared>, health: &HealthReporter) -> Result<Self, UiError> {
         let scene = &shared.config.scene;
+        let world_from_base = (!scene.base_required).then(Pose::identity);
+        *lock(&shared.world_from_base) = world_from_base;
         let mut estimates = Vec::new();
         for name in &scene.estimators {
             estimates.push((name.clone(), bus.latest(&topics::estimate_normal(name))?));
@@ -82,7 +85,7 @@ impl Watcher {
             recent: VecDeque::with_capacity(ARMS),
             control: None,
             by_service: BTreeMap::new(),
-            world_from_base: (!scene.base_required).then(Pose::identity),
+            world_from_base,
             pressed_ns: None,
             force: Force::default(),
             frames: 0,
@@ -94,6 +97,7 @@ impl Watcher {
                 lost: health.lost(),
             },
             shared: Arc::clone(shared),
+            bus: bus.clone(),
         })
     }
 
@@ -128,6 +132,7 @@ impl Watcher {
         let is_new = |old: &Received<ControlState>| old.message.activation != state.activation;
         if state.activation != 0 && self.control.as_ref().is_none_or(is_new) {
             lock(&self.shared.dose).clear();
+            self.shared.task_band.learn(&self.bus, state.activation);
             self.pressed_ns = None;
         }
         self.add_dose(state);
@@ -137,6 +142,7 @@ impl Watcher {
     fn add_dose(&mut self, control: &ControlState) {
         if let Some(base) = self.base.take_new() {
             self.world_from_base = Pose::try_from(&base.message.pose.pose).ok();
+            *lock(&self.shared.world_from_base) = self.world_from_base;
         }
         let stamp = control.header.stamp.to_ns();
         let pressed = self.pressed(control);
@@ -253,6 +259,7 @@ impl Watcher {
             lights: lights(arm, control, &healths),
             dose,
             pages: pages.into(),
+            teach: self.shared.tools.teach.as_ref().and_then(|t| t.state()),
             last_command: self.shared.last_command(),
         };
         serde_json::to_string(&snapshot).ok()

@@ -114,12 +114,21 @@ const FOXGLOVE: Service = Service {
     asks: &[],
     tokens: &[],
 };
-/// The operator's page: sends what the people with a token ask for, and says so.
+/// The operator's page: sends what the people with a token ask for, and says so. It also asks for
+/// the arm to be guided by hand.
 const UI: Service = Service {
     name: "ui",
     publishes: &["operator/command"],
     answers: &[],
-    asks: COMMANDS,
+    asks: &[
+        "control/task",
+        "control/stop",
+        "control/select",
+        "netft/tare",
+        "control/show",
+        "rtde/guide",
+        "franka/guide",
+    ],
     tokens: &[],
 };
 const SIMULATOR: Service = Service {
@@ -190,7 +199,8 @@ pub const ROLES: &[Role] = &[
     cell(
         "ui",
         &[UI],
-        "the operator's page; it may send tasks, stops, tares and the choice of the estimator",
+        "the operator's page; it may send tasks, stops, tares and the choice of the estimator, and make the arm free \
+         to be moved by hand",
     ),
     cell("simulator", &[SIMULATOR], "the simulated robot and sensor"),
     cell(
