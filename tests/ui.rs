@@ -3,6 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 mod common;
+#[path = "ui/soak.rs"]
+mod soak;
 // Shared with the other tests of processes, of which this one needs a part.
 #[allow(dead_code)]
 #[path = "processes/cell.rs"]
@@ -43,10 +45,15 @@ struct Served {
 impl Served {
     /// Tasks are lines of some strokes, with or without a tare.
     fn start(on_lost_page: &str, offered: &[(&str, bool, u32)]) -> Self {
-        let mut cell = Cell::new(|cell| {
+        let cell = Cell::new(|cell| {
             set(cell, "ui.address", format!("127.0.0.1:{}", ports::free()));
             set(cell, "ui.on_lost_page", on_lost_page);
         });
+        Self::of(cell, &PROCESSES, offered)
+    }
+
+    /// Serves the page of a cell whose file has an address for it.
+    fn of(mut cell: Cell, processes: &[&str], offered: &[(&str, bool, u32)]) -> Self {
         let folder = cell.file().parent().unwrap().to_owned();
         let tasks = folder.join("tasks");
         fs::create_dir(&tasks).unwrap();
@@ -57,7 +64,7 @@ impl Served {
             );
             fs::write(tasks.join(format!("{name}.toml")), text).unwrap();
         }
-        cell.start_all(&PROCESSES);
+        cell.start_all(processes);
         let (out, log) = (folder.join("ui.out"), folder.join("ui.log"));
         let file = cell.file();
         let ui = Process::start_with_output(
@@ -278,19 +285,24 @@ fn a_task_is_driven_from_the_page_and_everything_is_recorded() {
     });
 }
 
+/// What a script found in a browser; `None` without one.
+fn browsed(served: &Served, script: &str) -> Option<Value> {
+    let pictures = tempfile::tempdir().unwrap();
+    let folder = std::env::var_os("TANGENT_PICTURES")
+        .map_or_else(|| pictures.path().to_owned(), PathBuf::from);
+    let id = served.ui.id().to_string();
+    let arguments = [served.page.as_str(), &id, folder.to_str().unwrap()];
+    let output = interop::output_of(script, &arguments)?;
+    Some(serde_json::from_str(output.lines().last().unwrap()).unwrap())
+}
+
 #[test]
 fn an_operator_works_with_it_in_a_browser() {
     live(|| {
-        let served = Served::start("nothing", &[("wipe", true, 2), ("long", false, 20)]);
-        let pictures = tempfile::tempdir().unwrap();
-        let folder = std::env::var_os("TANGENT_PICTURES")
-            .map_or_else(|| pictures.path().to_owned(), PathBuf::from);
-        let id = served.ui.id().to_string();
-        let arguments = [served.page.as_str(), &id, folder.to_str().unwrap()];
-        let Some(output) = interop::output_of("ui_browser.py", &arguments) else {
+        let served = Served::start("nothing", &[("wipe", true, 2), ("long", false, 60)]);
+        let Some(found) = browsed(&served, "ui_browser.py") else {
             return;
         };
-        let found: Value = serde_json::from_str(output.lines().last().unwrap()).unwrap();
         assert_eq!(found["token_in_address"], false);
         assert_eq!(found["you"], json!(["local, engineer", "reading only"]));
         let may = json!({ "start": false, "pause": false, "stop": true });
@@ -322,5 +334,123 @@ fn an_operator_works_with_it_in_a_browser() {
         assert_eq!(found["errors"], json!([]));
         assert_eq!(found["webgl"], json!([true, false]));
         assert!(!found["report"].as_str().unwrap().is_empty());
+    });
+}
+
+/// Moves the simulated arm like a hand, as soon as a page has taken what comes before, until
+/// `gone`.
+fn guide(served: &Served, gone: &AtomicBool) {
+    let taken = |what: &str, holds: &dyn Fn(&Value) -> bool| {
+        let gone = || gone.load(Ordering::Relaxed);
+        served.seen(what, |s| gone() || holds(&s["teach"]));
+        !gone()
+    };
+    let numbers = |value: &Value| -> [f64; 3] { serde_json::from_value(value.clone()).unwrap() };
+    let place = |snapshot: &Value| {
+        let joints = snapshot["space"]["joints"].as_array().unwrap();
+        numbers(joints.last().unwrap())
+    };
+    // Forces in N: across the tool's axis, and against it.
+    let push = |across_n: f64, back_n: f64, way_m: f64| {
+        let before = served.seen("the arm", |s| s["space"].is_object());
+        let (from, z) = (place(&before), numbers(&before["space"]["tool_z"]));
+        let force = [0, 1, 2].map(|i| {
+            let y = if i == 1 { 1.0 } else { 0.0 } - z[1] * z[i];
+            y * across_n - z[i] * back_n
+        });
+        let [x, y, z] = force;
+        served.cell.provoke("push", &format!("{x},{y},{z}"));
+        served.seen("the tool follows the hand", |s| {
+            let apart = place(s)
+                .iter()
+                .zip(&from)
+                .map(|(a, b)| (a - b).powi(2))
+                .sum::<f64>();
+            apart.sqrt() > way_m
+        });
+        served.cell.provoke("push", "0,0,0");
+    };
+    if taken("the first point", &|t| t["points"] == 1) {
+        push(8.0, 0.0, 0.02);
+    }
+    if taken("a stroke", &|t| t["stroking"] == true) {
+        push(-8.0, 0.0, 0.01);
+    }
+    if taken("the stroke's end", &|t| t["strokes"] == 1) {
+        push(0.0, 8.0, 0.05);
+    }
+}
+
+#[test]
+fn an_engineer_teaches_a_task_in_a_browser() {
+    live(|| {
+        let served = Served::start("nothing", &[("wipe", true, 2)]);
+        served.seen("the arm is ready", |s| {
+            s["lights"][0]["code"]
+                .as_str()
+                .unwrap()
+                .starts_with("robot.ready")
+        });
+        let gone = AtomicBool::new(false);
+        let found = std::thread::scope(|scope| {
+            scope.spawn(|| guide(&served, &gone));
+            let found = browsed(&served, "ui_teach.py");
+            gone.store(true, Ordering::Relaxed);
+            found
+        });
+        let Some(found) = found else {
+            return;
+        };
+        assert_eq!(found["phone_teaches"], false);
+        assert_eq!(found["drawn"], "4");
+        assert!(
+            found["exists"]
+                .as_str()
+                .unwrap()
+                .contains("wipe.toml exists")
+        );
+        assert_eq!(found["still_free"], true);
+        assert_eq!(found["chosen"], "shown.toml");
+        assert_eq!(found["percent"], "100 %");
+        let held_after_s = found["held_after_s"].as_f64().unwrap();
+        println!("the arm holds itself {held_after_s:.1} s after the page is gone");
+        assert_eq!(found["kept_points"], 1);
+        assert_eq!(found["errors"], json!([]));
+        let file = served.cell.file().with_file_name("tasks/shown.toml");
+        let checked = served.cell.cli(&["check", file.to_str().unwrap()]);
+        assert_eq!(checked.status.code(), Some(0));
+    });
+}
+
+#[test]
+fn a_cell_at_500_hz_is_shown_right_and_stopped_while_it_seeks() {
+    live(|| {
+        // The surface steps down in the middle of the path.
+        let surface = "shape = \"step\"\nheight_m = -0.012\nedge_radius_m = 0.001\n\
+                       position_m = [0.41, 0.0, 0.1]";
+        let cell = Cell::with_e_series(surface, |cell| {
+            set(cell, "ui.address", format!("127.0.0.1:{}", ports::free()));
+        });
+        let served = Served::of(cell, &PROCESSES, &[("long", true, 20)]);
+        let Some(found) = browsed(&served, "ui_fast.py") else {
+            return;
+        };
+        println!("{found}");
+        let figures =
+            |part: &str| -> Vec<f64> { serde_json::from_value(found[part].clone()).unwrap() };
+        let [robot_hz, robot_ms] = figures("robot")[..] else {
+            panic!("{found}");
+        };
+        let [controller_hz, missed, controller_ms] = figures("controller")[..] else {
+            panic!("{found}");
+        };
+        for hz in [robot_hz, controller_hz] {
+            assert!((450.0..=510.0).contains(&hz), "{found}");
+        }
+        assert!(
+            robot_ms < 100.0 && controller_ms < 100.0 && missed < 500.0,
+            "{found}"
+        );
+        assert_eq!(found["errors"], json!([]));
     });
 }

@@ -8,97 +8,20 @@ Prints one JSON object. Exit code 77: the browser, its driver or selenium is mis
 
 import json
 import os
-import shutil
 import signal
 import sys
 import time
 
-try:
-    from selenium import webdriver
-    from selenium.webdriver.common.action_chains import ActionChains
-    from selenium.webdriver.common.by import By
-    from selenium.webdriver.common.keys import Keys
-    from selenium.webdriver.support.ui import Select
-except ImportError:
-    print("selenium is not installed")
-    sys.exit(77)
+from ui_driver import (
+    CLICK_STOP_IN, browser, click, close_all, element, ended, in_phase, open_live, picture, severe, start, text, wait,
+)
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select
 
-BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-if not (BROWSER and DRIVER):
-    print("chromium or its driver is not installed")
-    sys.exit(77)
-
-ADDRESS, SERVICE, PICTURES = sys.argv[1], int(sys.argv[2]), sys.argv[3]
-PATIENCE_S = 30
+ADDRESS, SERVICE = sys.argv[1], int(sys.argv[2])
 found = {"stopped_in": []}
-
-
-def browser(phone=False):
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    # The phone has no WebGL, as some have: the page works without the arm in space.
-    drawing = ["--disable-3d-apis"] if phone else ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-    for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1024,800", *drawing]:
-        options.add_argument(argument)
-    if phone:
-        metrics = {"width": 390, "height": 844, "pixelRatio": 1.0, "touch": True}
-        options.add_experimental_option("mobileEmulation", {"deviceMetrics": metrics})
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
-    driver.set_script_timeout(PATIENCE_S)
-    return driver
-
-
-def wait(what, holds, patience_s=PATIENCE_S):
-    until = time.monotonic() + patience_s
-    while time.monotonic() < until:
-        value = holds()
-        if value:
-            return value
-        time.sleep(0.05)
-    for driver, name in [(desk, "desk"), (phone, "phone")]:
-        driver.save_screenshot(os.path.join(PICTURES, f"failed-{name}.png"))
-        print(name, text(driver, "phase"), text(driver, "answer"), text(driver, "fault"), file=sys.stderr)
-    raise AssertionError(f"{what}: not within {patience_s} s")
-
-
-def element(driver, name):
-    return driver.find_element(By.ID, name)
-
-
-def text(driver, name):
-    return element(driver, name).text
-
-
-def click(driver, name):
-    wait(f"{name} can be clicked", element(driver, name).is_enabled)
-    # Away from the bars that stay in view.
-    driver.execute_script("document.getElementById(arguments[0]).scrollIntoView({ block: 'center' })", name)
-    element(driver, name).click()
-
-
-def in_phase(driver, *words):
-    return wait(f"{words}", lambda: any(word in text(driver, "phase") for word in words))
-
-
-def ended(driver):
-    in_phase(driver, "Done", "Ended", "Ready")
-
-
-def picture(driver, name):
-    driver.save_screenshot(os.path.join(PICTURES, f"{name}.png"))
-
-
-def start(driver):
-    """Starts the task by clicks, as soon as the cell takes it."""
-
-    def begun():
-        if element(driver, "start").is_enabled():
-            click(driver, "start")
-            time.sleep(0.3)
-        return not element(driver, "start").is_enabled() or "Stop" in text(driver, "answer")
-
-    wait("the task starts", begun)
 
 
 def start_and_stop_in(word):
@@ -117,25 +40,11 @@ def stop_on_phone(word):
     found["stopped_in"].append(word)
 
 
-# Some phases are shorter than the way of a request of the driver.
-CLICK_STOP_IN = """
-    const [phase, word] = [document.getElementById("phase"), arguments[0]];
-    const watch = new MutationObserver(() => {
-      if (!phase.textContent.includes(word)) return;
-      watch.disconnect();
-      document.getElementById("stop").click();
-      window.stopped_in = word;
-    });
-    watch.observe(phase, { childList: true, characterData: true, subtree: true });
-"""
-
-desk, phone = browser(), browser(phone=True)
+desk, phone = browser("desk"), browser("phone", phone=True)
 try:
     phone.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]})
-    desk.get(ADDRESS)
-    phone.get(ADDRESS.split("#")[0])
-    for driver in (desk, phone):
-        wait("the page is live", lambda: text(driver, "link") == "live")
+    open_live(desk, ADDRESS)
+    open_live(phone, ADDRESS.split("#")[0])
     found["token_in_address"] = "token" in desk.current_url
     found["you"] = [text(desk, "you"), text(phone, "you")]
 
@@ -220,12 +129,8 @@ try:
     desk.get(link)
     found["report"] = desk.title or desk.find_element(By.TAG_NAME, "body").text[:60]
     picture(desk, "report")
-    logs = desk.get_log("browser") + phone.get_log("browser")
     # The service was silent for a while, and the phone has no WebGL.
-    expected = ("ERR_", "WebGL")
-    severe = [one["message"] for one in logs if one["level"] == "SEVERE"]
-    found["errors"] = [message for message in severe if not any(word in message for word in expected)]
+    found["errors"] = severe(desk, phone, expected=("ERR_", "WebGL"))
     print(json.dumps(found))
 finally:
-    for driver in (desk, phone):
-        driver.quit()
+    close_all()

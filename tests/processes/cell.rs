@@ -48,6 +48,20 @@ impl Cell {
         )
     }
 
+    /// A cell with an e-Series arm at 500 Hz, whose own sensor is used, above this surface: its
+    /// lines of the scenario.
+    pub fn with_e_series(surface: &str, change: impl FnOnce(&mut toml::Table)) -> Self {
+        let plane = "shape = \"plane\"\nposition_m = [0.0, 0.0, 0.1]";
+        let scenario = "scenarios/plane.toml";
+        Self::shipped(
+            "cell.ur5e.toml",
+            scenario,
+            (plane, surface),
+            alone(),
+            change,
+        )
+    }
+
     /// A cell with the torque-controlled arm over an object of known shape, with a camera.
     pub fn with_object() -> Self {
         let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
