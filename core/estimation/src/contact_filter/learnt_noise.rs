@@ -11,10 +11,6 @@ pub(super) const FLUCTUATION_LENGTH_M: f64 = 0.002;
 /// Correlation time of the force's noise, s: vibration and slow noise of hardware, beyond that of
 /// the wrench filter.
 const FORCE_CORRELATION_S: f64 = 0.08;
-/// Distance over which the surface's unrest is learnt, m.
-const UNREST_LENGTH_M: f64 = 0.01;
-/// Bounds of the unrest: the variance with which curvature changes, relative to the configured one.
-const UNREST: (f64, f64) = (1.0, 40.0);
 /// Lower bounds of what is learnt, as shares of the standard deviations stated.
 const HEIGHT_FLOOR: f64 = 0.3;
 const FORCE_FLOOR: f64 = 0.7;
@@ -32,12 +28,6 @@ pub(super) struct LearntNoise {
     force: Residual,
     /// Variance of the force along the direction of sliding, N².
     pub friction_n2: f64,
-    /// Variance of the change of curvature, relative to the configured one.
-    pub unrest: f64,
-    /// Mean square innovation of the height.
-    innovation_m2: f64,
-    /// Mean square that was expected of it.
-    expected_m2: f64,
 }
 
 impl LearntNoise {
@@ -48,9 +38,6 @@ impl LearntNoise {
             height_most_m2: (HEIGHT_MOST * sensing.height_sd_m).powi(2),
             force: Residual::new(sensing.force_noise_n, FORCE_FLOOR),
             friction_n2: 0.0,
-            unrest: 1.0,
-            innovation_m2: 0.0,
-            expected_m2: 0.0,
         }
     }
 
@@ -79,17 +66,5 @@ impl LearntNoise {
     /// Variance of the force to use in the filter, which takes samples for independent, N².
     pub fn force_variance_of_sample(&self, dt_s: f64) -> f64 {
         self.force.variance() * (2.0 * FORCE_CORRELATION_S / dt_s).max(1.0)
-    }
-
-    /// Estimates how fast the curvature changes, from the ratio of the measured to the expected
-    /// height. The force along the surface is not used, because its bias would disturb it.
-    pub fn learn_unrest(&mut self, innovation: f64, expected: f64, distance: f64) {
-        let share = (distance / UNREST_LENGTH_M).min(0.2);
-        self.innovation_m2 += share * (innovation * innovation - self.innovation_m2);
-        self.expected_m2 += share * (expected - self.expected_m2);
-        if self.expected_m2 > 0.0 {
-            let ratio = (self.innovation_m2 / self.expected_m2).clamp(0.02, 50.0);
-            self.unrest = (self.unrest * ratio.powf(2.0 * share)).clamp(UNREST.0, UNREST.1);
-        }
     }
 }

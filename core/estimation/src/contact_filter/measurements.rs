@@ -37,13 +37,9 @@ impl ContactFilter {
         row.fixed_rows_mut::<2>(GIVE).copy_from(&given);
         let innovation = -state.surface.height_m - given.dot(&state.surface.give_m_per_n);
         state.noise.learn_height(innovation, distance);
-        let known = row.dot(&(state.surface.covariance * row));
         let give = state.surface.give_m_per_n.x.max(0.0);
         let variance = state.noise.height_variance_of_sample(distance)
             + give * give * state.noise.force_variance_of_sample(motion.dt_s);
-        state
-            .noise
-            .learn_unrest(innovation, known + state.noise.height_variance(), distance);
         // A seam or a step changes the height at once; a wrong slope changes it bit by bit.
         let jump = innovation - std::mem::replace(&mut state.slide.height_innovation_m, innovation);
         let most = JUMP_SLOPE * distance + JUMP_SD * state.noise.height_variance().sqrt();

@@ -22,13 +22,14 @@ mod residual;
 mod slide;
 mod state;
 mod tip;
+mod unrest;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
 use self::slide::Slide;
-use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
+use self::state::{BIAS, CurvatureNews, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use self::tip::POSITION_SD_M;
 use crate::EstimatorConfig;
@@ -122,6 +123,8 @@ impl ContactFilter {
                 state.begin_heights(motion);
             }
             state.has_slid = true;
+            let along = state.surface.frame.project(&tangential);
+            state.surface.news = CurvatureNews::along(&along);
             self.measure_height(state, motion);
             let force = state.force(motion);
             let step = tangential * motion.dt_s;
@@ -134,6 +137,8 @@ impl ContactFilter {
             if state.slide.tip_direction_sd_rad() < DIRECTION_SD_MAX_RAD {
                 self.measure_sliding_force(state, motion);
             }
+            let news = state.surface.news;
+            state.unrest.learn(&news, speed * motion.dt_s);
         } else {
             state.slide.distance_m = 0.0;
             state.slide.rest = Some((motion.point_lagged, state.force(motion)));
@@ -236,7 +241,7 @@ impl ContactFilter {
         state.surface.propagate(&d, &row);
         let surface = &mut state.surface;
         let s = &self.config.surface;
-        let unrest = state.noise.unrest;
+        let unrest = state.unrest.value();
         let waviness = s.waviness_rad_per_sqrt_m.powi(2) * distance * unrest;
         let curvature = s.curvature_change_per_m_per_sqrt_m.powi(2) * distance * unrest;
         let friction = s.friction_change_per_sqrt_m.powi(2) * distance;
@@ -279,7 +284,7 @@ impl ContactFilter {
         // curvature is constant.
         let s = &self.config.surface;
         let radius = self.area_radius_m();
-        let change = s.curvature_change_per_m_per_sqrt_m * (state.noise.unrest * radius).sqrt();
+        let change = s.curvature_change_per_m_per_sqrt_m * (state.unrest.value() * radius).sqrt();
         let mean = Matrix2::identity() * (0.25 * radius * change).powi(2);
         filtered + centre + mean + turned * turned.transpose() + leaked * leaked.transpose()
     }

@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::learnt_noise::LearntNoise;
 use super::slide::Slide;
+use super::unrest::Unrest;
 use crate::EstimatorConfig;
 use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
@@ -69,6 +70,7 @@ pub(crate) struct ContactFilterState {
     pub(super) force_n: f64,
     pub(super) centre: CentreOfPressure,
     pub(super) noise: LearntNoise,
+    pub(super) unrest: Unrest,
     pub(super) compliance: Compliance,
 }
 
@@ -93,6 +95,46 @@ pub(super) struct SurfaceState {
     /// Error of the tip's stated position, tool axes, m.
     pub tip_m: Vector3<f64>,
     pub covariance: SMatrix<f64, STATES, STATES>,
+    /// What the measurements of this sample say of the curvature along the motion.
+    pub news: CurvatureNews,
+}
+
+/// Corrections of the curvature along the motion by the measurements of one sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct CurvatureNews {
+    /// Weights of the shape operator's components in that curvature.
+    weights: Vector3<f64>,
+    /// Sum of the corrections, 1/m.
+    pub change_per_m: f64,
+    /// Their expected variance, 1/m².
+    pub expected_per_m2: f64,
+}
+
+impl CurvatureNews {
+    /// Begins a sample with the motion `d` over the surface, tangent axes.
+    pub fn along(d: &Vector2<f64>) -> Self {
+        let d = d.try_normalize(0.0).unwrap_or_default();
+        Self {
+            weights: Vector3::new(d.x * d.x, d.y * d.y, 2.0 * d.x * d.y),
+            ..Self::default()
+        }
+    }
+
+    #[cfg(test)]
+    pub fn of(change_per_m: f64, expected_per_m2: f64) -> Self {
+        Self {
+            change_per_m,
+            expected_per_m2,
+            ..Self::default()
+        }
+    }
+
+    /// Adds one correction: `gain` times `innovation`, whose expected variance is `variance`.
+    fn add(&mut self, gain: &Row, innovation: f64, variance: f64) {
+        let gain = self.weights.dot(&gain.fixed_rows::<3>(SHAPE));
+        self.change_per_m += gain * innovation;
+        self.expected_per_m2 += gain * gain * variance;
+    }
 }
 
 /// How an error of the payload's weight acts on the sensor.
@@ -161,6 +203,7 @@ impl ContactFilterState {
             force_n: 0.0,
             centre: CentreOfPressure::default(),
             noise: LearntNoise::new(config),
+            unrest: Unrest::default(),
             compliance: Compliance {
                 across_m_per_n: None,
                 m_per_n: config.sensing.compliance_m_per_n,
@@ -318,6 +361,7 @@ impl SurfaceState {
             give_m_per_n: Vector2::repeat(config.sensing.compliance_m_per_n),
             tip_m: Vector3::zeros(),
             covariance,
+            news: CurvatureNews::default(),
         }
     }
 
@@ -427,6 +471,7 @@ impl SurfaceState {
         }
         let gain = gain / total;
         let change = gain * innovation;
+        self.news.add(&gain, innovation, total);
         self.covariance -= gain * gain.transpose() * total;
         // Keeps the covariance exactly symmetric, and its diagonal non-negative.
         for i in 0..STATES {
