@@ -38,3 +38,4 @@ mod three_laws;
 mod torque_truth;
 mod touchdown;
 mod truth;
+mod waves;
