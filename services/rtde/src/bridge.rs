@@ -16,7 +16,7 @@ use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
 use crate::guiding::{GuideEnd, Guiding};
 use crate::link::{Link, LinkEvent};
 use crate::link_error::LinkError;
-use crate::program::{CommandCode, ProgramState, RegisterMap};
+use crate::program::{self, CommandCode, GUIDING_VERSION, ProgramState, RegisterMap};
 use crate::sample::Sample;
 use crate::supervisor::{Reason, Supervisor};
 
@@ -79,6 +79,12 @@ pub enum GuideRefusal {
     /// The arm moves, or follows a task.
     #[error("a task uses the arm: stop it first with `tangent task stop`")]
     TaskRuns,
+    /// The program on the robot is older than hand guiding.
+    #[error(
+        "the program on the robot is of version {0}, and hand guiding begins with version \
+         {GUIDING_VERSION}"
+    )]
+    OldProgram(i32),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -313,6 +319,11 @@ impl Bridge {
             }
             if self.streamed || !self.rests() {
                 return Err(GuideRefusal::TaskRuns);
+            }
+            if let Some(version) = program::version(self.sample.ident)
+                && version < GUIDING_VERSION
+            {
+                return Err(GuideRefusal::OldProgram(version));
             }
         }
         self.guiding.ask(now_s);

@@ -10,9 +10,19 @@ const TEMPLATE: &str = include_str!("program.script");
 /// Version of the program's text and of the meaning of its registers; part of [`IDENT`].
 pub const PROGRAM_VERSION: i32 = 2;
 /// Value that the program writes into its identity register: `0x55520000` plus the version.
-pub const IDENT: i32 = 0x5552_0000 + PROGRAM_VERSION;
+pub const IDENT: i32 = IDENT_BASE + PROGRAM_VERSION;
+const IDENT_BASE: i32 = 0x5552_0000;
+/// First version with which a hand can guide the arm.
+pub const GUIDING_VERSION: i32 = 2;
 /// The program's name on the controller, as in its `PROGRAM_XXX_STARTED` messages.
 pub const PROGRAM_NAME: &str = "tangent_bridge";
+
+/// Version that an identity register states; `None` if no program of the bridge wrote it, or a newer
+/// one. All versions up to this one read and write the registers of a task alike.
+pub fn version(ident: i32) -> Option<i32> {
+    let version = ident.checked_sub(IDENT_BASE)?;
+    (1..=PROGRAM_VERSION).contains(&version).then_some(version)
+}
 
 /// Mode that the bridge requests, input register int B+0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -28,6 +28,8 @@ pub(crate) struct Robot {
     pub paused: bool,
     pub registers: Vec<Value>,
     pub sample: Sample,
+    /// Identity that the program writes.
+    pub ident: i32,
     pub program: Program,
     pub fresh: u32,
     pub rearm_low: bool,
@@ -58,6 +60,7 @@ impl Robot {
                 ..Sample::default()
             },
             program: Program::None,
+            ident: IDENT,
             fresh: 0,
             rearm_low: false,
             compiled: 0,
@@ -162,7 +165,7 @@ impl Robot {
             Program::Loading { session, cycles: 0 } => {
                 self.program = Program::Running;
                 self.compiled = session;
-                self.sample.ident = IDENT;
+                self.sample.ident = self.ident;
                 self.sample.session = session;
                 self.sample.program_state = 0;
                 self.sample.cause = 0;

@@ -12,7 +12,7 @@ use tangent_runtime::health::State;
 use tangent_runtime::robot_loop::NotReady;
 use tangent_schemas::arm_modes::{ROBOT_RUNNING, RUNTIME_PLAYING, RUNTIME_STOPPED};
 
-use crate::program::{IDENT, ProgramState, cause_text};
+use crate::program::{self, ProgramState, cause_text};
 use crate::sample::Sample;
 use crate::status::{robot_mode_text, runtime_state_text, safety_allows_motion, safety_mode_text};
 
@@ -278,10 +278,11 @@ impl Supervisor {
 
     /// Takes a state of the robot. `lost` is the number of cycles that the robot's clock skipped.
     pub fn observe(&mut self, sample: &Sample, lost: u64, now_s: f64) {
-        let ours = sample.ident == IDENT && sample.session == self.session;
+        let known = program::version(sample.ident).is_some();
+        let ours = known && sample.session == self.session;
         let advanced = self.loops.is_some_and(|before| before != sample.loops);
         self.loops = Some(sample.loops);
-        self.still = if advanced && sample.ident == IDENT {
+        self.still = if advanced && known {
             0
         } else {
             self.still.saturating_add(1)
@@ -447,7 +448,8 @@ impl Supervisor {
     fn foreign_program_runs(&self, sample: &Sample) -> bool {
         let playing = sample.runtime_state == RUNTIME_PLAYING;
         sample.runtime_state != RUNTIME_STOPPED
-            && (sample.ident != IDENT || playing && self.still > STUCK_CYCLES)
+            && (program::version(sample.ident).is_none()
+                || playing && self.still > STUCK_CYCLES)
     }
 
     /// Re-arms a latched program where that is allowed. It then only holds still; motion needs a

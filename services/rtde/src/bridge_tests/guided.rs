@@ -2,8 +2,10 @@
 
 use super::bench::Cell;
 use crate::bridge::GuideRefusal;
-use crate::codec::Series;
+use crate::codec::{ControllerVersion, Series};
 use crate::guiding::{GuideEnd, KEEP_ALIVE_S};
+use crate::program::IDENT;
+use crate::scripted_robot::Robot;
 use crate::supervisor::Reason;
 
 impl Cell {
@@ -107,4 +109,22 @@ fn nothing_is_allocated_while_a_hand_guides() {
     let before = cell.allocations;
     cell.steps(200);
     assert_eq!(cell.allocations, before);
+}
+
+#[test]
+fn a_program_of_version_1_serves_tasks_and_refuses_guiding() {
+    let mut cell = Cell::new(Robot::new(ControllerVersion::new(3, 15, 8)), None);
+    cell.robot.ident = IDENT - 1;
+    cell.connect();
+    cell.until("ready", |c| c.bridge.is_ready());
+    let refusal = cell.bridge.guide(cell.now_s).unwrap_err();
+    assert_eq!(refusal, GuideRefusal::OldProgram(1));
+    cell.task();
+    cell.until("motion", Cell::moves);
+
+    let mut newer = Cell::new(Robot::new(ControllerVersion::new(3, 15, 8)), None);
+    newer.robot.ident = IDENT + 1;
+    newer.connect();
+    newer.steps(500);
+    assert!(!newer.bridge.is_ready());
 }
