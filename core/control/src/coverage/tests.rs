@@ -37,7 +37,7 @@ fn follow(coverage: &mut Coverage, path: &Path, time_s: &mut f64) -> Vector2<f64
             done += 1;
             continue;
         }
-        coverage.press(&path.at(t).position, FORCE_N, *time_s, DT_S);
+        coverage.press(&path.at(t).position, &Vector2::zeros(), FORCE_N, *time_s, DT_S);
         t += DT_S;
         *time_s += DT_S;
     }

@@ -16,6 +16,7 @@ pub mod force_law;
 mod interface;
 pub mod joint_velocity;
 mod leaving;
+mod landing;
 mod lift;
 pub mod loop_delay;
 mod losses;

@@ -258,7 +258,7 @@ fn along_path(
             {
                 return run
                     .tracking
-                    .step_aside(&config.path, step, position, &normal, dt_s);
+                    .step_aside(&config.path, &program.path, step, position, &normal, dt_s);
             }
         }
         if let Some(along) = run.tracking.direction(&program.path, &normal) {
