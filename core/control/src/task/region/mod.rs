@@ -6,6 +6,13 @@ pub(crate) mod order;
 mod pattern;
 pub(crate) mod polygon;
 
+/// Patterns and their order, for tools that fill regions of their own.
+pub mod fill {
+    pub use super::order::{Ordered, Points, ordered};
+    pub use super::pattern::{Ring, spiral_of};
+    pub use super::polygon::Polygon;
+}
+
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 

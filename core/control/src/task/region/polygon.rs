@@ -16,7 +16,8 @@ const OUTSIDE_SHARES: [f64; 9] = [0.5, 0.1, 0.9, 0.2, 0.8, 0.3, 0.7, 0.4, 0.6];
 
 /// Closed rings. A point is inside if a ray from it crosses the rings an odd number of times.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Polygon {
+pub struct Polygon {
+    /// Corners of each ring, m.
     pub rings: Vec<Vec<Vector2<f64>>>,
 }
 
