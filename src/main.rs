@@ -18,6 +18,7 @@ mod live_view;
 mod model;
 mod new_cell;
 mod output;
+mod region;
 mod report;
 mod reproduce;
 mod robot;
@@ -134,6 +135,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
             calibrate::payload(args, &config()?, json)
         }
         Command::Teach(args) => teach::run(args, &config()?, json),
+        Command::Region(args) => region::run(args, &config()?, json),
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Ui(args) => ui::run(args, config()?, json),
         Command::Topic(command) => topic::run(command, &config()?, json),

@@ -43,6 +43,8 @@ pub struct RegionOptions<'a> {
     pub holes_m: Vec<Vec<[f64; 3]>>,
     /// Pattern of the strokes.
     pub pattern: Pattern,
+    /// Whether a raster has one more stroke along every edge, before its rows.
+    pub edge_pass: bool,
     /// Radius of the tip's contact, m.
     pub radius_m: f64,
     /// Largest distance between strokes along the surface, m; `None`: the radius.
@@ -128,6 +130,7 @@ pub fn draft(mesh: &Mesh, options: &RegionOptions<'_>) -> Result<Draft, RegionEr
         pattern: options.pattern,
         spacing_m,
         margin_m: options.margin_m.unwrap_or(margin_share * options.radius_m),
+        edge_pass: options.edge_pass,
     };
     // The order begins at the corner of the region with the least x and y.
     let corner = map.low;

@@ -34,6 +34,8 @@ pub struct Fill {
     pub spacing_m: f64,
     /// Distance of the strokes from every edge along the surface, m.
     pub margin_m: f64,
+    /// Whether a raster has one more stroke along every edge, before its rows.
+    pub edge_pass: bool,
 }
 
 /// Strokes over the plane, and the edges that they keep.
@@ -62,7 +64,12 @@ pub fn fill(map: &HeightMap, fill: &Fill, start: Vector2<f64>) -> Result<Filled,
     let within = polygon(at_margin);
     let rings = || rings(map, &distance, fill);
     let strokes = match fill.pattern {
-        Pattern::Raster => rows(map, &within, fill.spacing_m),
+        Pattern::Raster => {
+            let edges = whole.rings(fill.margin_m.max(EDGE_M));
+            let mut strokes = if fill.edge_pass { edges } else { Vec::new() };
+            strokes.extend(rows(map, &within, fill.spacing_m));
+            strokes
+        }
         Pattern::Contour => rings().into_iter().map(|(_, ring)| ring).collect(),
         Pattern::Spiral => spiral_of(&rings(), &within, fill.spacing_m),
     };

@@ -95,6 +95,7 @@ fn region<'a>(mesh: &Mesh, pattern: Pattern) -> RegionOptions<'a> {
             at(0.025, 0.045),
         ]],
         pattern,
+        edge_pass: false,
         radius_m: RADIUS_M,
         spacing_m: None,
         margin_m: Some(0.003),

@@ -47,7 +47,7 @@ impl Mesh {
         vertices: Vec<Vector3<f64>>,
         triangles: Vec<[u32; 3]>,
     ) -> Result<Self, String> {
-        if let Some(index) = (vertices.iter()).position(|v| !(v.amax() < 1e9)) {
+        if let Some(index) = (vertices.iter()).position(|v| !v.iter().all(|x| x.abs() < 1e9)) {
             let v = vertices[index];
             return Err(format!(
                 "vertex {index} is at ({}, {}, {}): allowed are finite numbers below 1e9",
@@ -104,6 +104,18 @@ impl Mesh {
             ));
         }
         Ok(mesh)
+    }
+
+    /// The points of a scan, m.
+    ///
+    /// # Errors
+    /// A coordinate is not finite, or there are too few or too many points.
+    pub fn of_points(points: Vec<Vector3<f64>>) -> Result<Self, RegionError> {
+        if points.len() > COUNT_MAX {
+            let allowed = format!("at most {COUNT_MAX} points");
+            return Err(RegionError::option("the scan", points.len(), allowed));
+        }
+        Self::new(points, Vec::new()).map_err(RegionError::Nothing)
     }
 
     /// The mesh in base axes: scaled to metres, and placed.
