@@ -25,7 +25,13 @@ pub struct Region {
     pub scale: f64,
     /// Pose of the mesh in the base: x, y, z in m, then roll, pitch and yaw in rad about fixed axes,
     /// or a quaternion x, y, z, w.
-    #[arg(long, value_name = "X,Y,Z,R,P,Y", value_delimiter = ',', allow_hyphen_values = true, conflicts_with = "matches")]
+    #[arg(
+        long,
+        value_name = "X,Y,Z,R,P,Y",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        conflicts_with = "matches"
+    )]
     pub frame: Vec<f64>,
     /// A place in the mesh (after --scale, m) and in the base, as shown with the tool; three or more
     /// times, in place of --frame.
@@ -125,7 +131,8 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
 
 fn ring(text: &str) -> Result<Ring, String> {
     let places: Result<Vec<_>, _> = text.split(':').map(triple).collect();
-    let places = places.map_err(|error| format!("{error} for each place, and `:` between places"))?;
+    let places =
+        places.map_err(|error| format!("{error} for each place, and `:` between places"))?;
     if places.len() < 3 {
         return Err("an outline has three places or more".to_owned());
     }
@@ -133,9 +140,9 @@ fn ring(text: &str) -> Result<Ring, String> {
 }
 
 fn matched(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
-    let (mesh, base) = text
-        .split_once('=')
-        .ok_or_else(|| "a place in the mesh and one in the base have `=` between them".to_owned())?;
+    let (mesh, base) = text.split_once('=').ok_or_else(|| {
+        "a place in the mesh and one in the base have `=` between them".to_owned()
+    })?;
     Ok((triple(mesh)?, triple(base)?))
 }
 

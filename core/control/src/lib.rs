@@ -63,7 +63,7 @@ pub use task::profile::Profile;
 pub use task::program::{EstimatorName, EstimatorNames, Program};
 pub use task::region::{Pattern, Region, fill};
 pub use task::{
-    ApproachSpec, Direction, EndSpec, ExpectedSurface, ForceSpec, PlaneSpec, StartSpec, SwitchingSpec, Task,
-    TimeoutSpec, Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
+    ApproachSpec, Direction, EndSpec, ExpectedSurface, ForceSpec, PlaneSpec, StartSpec,
+    SwitchingSpec, Task, TimeoutSpec, Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
 };
 pub use verdict::Verdict;

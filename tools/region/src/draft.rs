@@ -169,11 +169,15 @@ fn of_mesh(
     }
     if patch.is_empty() {
         return Err(RegionError::Nothing(
-            "no triangle faces the approach there: check --approach, --outline and --frame".to_owned(),
+            "no triangle faces the approach there: check --approach, --outline and --frame"
+                .to_owned(),
         ));
     }
     let (low, high) = (patch.iter().flat_map(|i| mesh.corners(*i))).fold(
-        (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)),
+        (
+            Vector2::repeat(f64::INFINITY),
+            Vector2::repeat(f64::NEG_INFINITY),
+        ),
         |(low, high), v| {
             let place = plane.place(&v).xy();
             (low.inf(&place), high.sup(&place))
@@ -193,7 +197,10 @@ fn near_outline(
 ) -> Vec<usize> {
     let bounds = |points: &mut dyn Iterator<Item = Vector2<f64>>| {
         points.fold(
-            (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)),
+            (
+                Vector2::repeat(f64::INFINITY),
+                Vector2::repeat(f64::NEG_INFINITY),
+            ),
             |(low, high), p| (low.inf(&p), high.sup(&p)),
         )
     };
@@ -217,7 +224,10 @@ pub(crate) fn cell_m(size: Vector2<f64>, spacing_m: f64) -> Result<f64, RegionEr
     if cell_m * NODES_PER_SPACING > spacing_m {
         return Err(RegionError::option(
             "--spacing-m",
-            format!("{spacing_m} with a region of {:.2} m by {:.2} m", size.x, size.y),
+            format!(
+                "{spacing_m} with a region of {:.2} m by {:.2} m",
+                size.x, size.y
+            ),
             format!(
                 "{:.4} m or more for this size: choose a wider spacing, or a part with --outline",
                 cell_m * NODES_PER_SPACING
@@ -232,7 +242,11 @@ fn check(options: &RegionOptions<'_>) -> Result<(), RegionError> {
         if (least..=most).contains(&value) {
             Ok(())
         } else {
-            Err(RegionError::option(option, value, format!("{least} to {most}")))
+            Err(RegionError::option(
+                option,
+                value,
+                format!("{least} to {most}"),
+            ))
         }
     };
     range("--radius-m", options.radius_m, (0.001, 0.1))?;
@@ -266,9 +280,8 @@ fn finish(
     let plane = map.plane.moved_to(&at, height_m);
     // The strokes nearest to the tool first.
     let filled = fill(map, how, at)?;
-    let shifted = |ring: &[Vector2<f64>]| -> Vec<[f64; 2]> {
-        ring.iter().map(|p| (p - at).into()).collect()
-    };
+    let shifted =
+        |ring: &[Vector2<f64>]| -> Vec<[f64; 2]> { ring.iter().map(|p| (p - at).into()).collect() };
     let surface: ExpectedSurface = expected(map, &filled, &at, height_m);
     let rings_m: Vec<_> = filled.edge.rings.iter().map(|ring| shifted(ring)).collect();
     let normal = map.normal(&at, 2.0 * map.cell_m);
@@ -289,9 +302,18 @@ fn finish(
     let strokes: Vec<_> = (filled.strokes.iter())
         .map(|stroke| (shifted(&stroke.points), stroke.lifts))
         .collect();
-    let text = text(options, how, &plane, &strokes, &surface, &rings_m, &start_joints_rad);
+    let text = text(
+        options,
+        how,
+        &plane,
+        &strokes,
+        &surface,
+        &rings_m,
+        &start_joints_rad,
+    );
     let task: Task = text.parse()?;
-    let program = tangent_control::Program::new(&task, &tangent_control::ControllerConfig::default())?;
+    let program =
+        tangent_control::Program::new(&task, &tangent_control::ControllerConfig::default())?;
     if options.arm.is_none() {
         let [x, y, z] = plane.origin.into();
         notes.push(format!(

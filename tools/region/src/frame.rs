@@ -59,12 +59,19 @@ pub fn from_matches(matches: &[Match]) -> Result<(Pose<Base, MeshFrame>, f64), R
     }
     let count = matches.len() as f64;
     let mean = |of: fn(&Match) -> [f64; 3]| {
-        matches.iter().map(|m| Vector3::from(of(m))).sum::<Vector3<f64>>() / count
+        matches
+            .iter()
+            .map(|m| Vector3::from(of(m)))
+            .sum::<Vector3<f64>>()
+            / count
     };
     let (mesh, base) = (mean(|m| m.in_mesh), mean(|m| m.in_base));
     let (mut across, mut own) = (Matrix3::zeros(), Matrix3::zeros());
     for m in matches {
-        let (a, b) = (Vector3::from(m.in_mesh) - mesh, Vector3::from(m.in_base) - base);
+        let (a, b) = (
+            Vector3::from(m.in_mesh) - mesh,
+            Vector3::from(m.in_base) - base,
+        );
         across += b * a.transpose();
         own += a * a.transpose();
     }
@@ -111,7 +118,12 @@ mod tests {
             in_mesh: [p[0], 0.0, 0.0],
             in_base: p,
         });
-        assert!(from_matches(&line).unwrap_err().to_string().contains("line"));
+        assert!(
+            from_matches(&line)
+                .unwrap_err()
+                .to_string()
+                .contains("line")
+        );
         assert!(from_matches(&matches[..2]).is_err());
     }
 

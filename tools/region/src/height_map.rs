@@ -82,7 +82,10 @@ impl HeightMap {
         around_m: f64,
     ) -> Result<Self, RegionError> {
         let corners = |index: usize| mesh.corners(index).map(|v| plane.place(&v));
-        let start = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+        let start = (
+            Vector2::repeat(f64::INFINITY),
+            Vector2::repeat(f64::NEG_INFINITY),
+        );
         let (low, high) = (patch.iter().flat_map(|i| corners(*i))).fold(start, |(low, high), v| {
             (low.inf(&v.xy()), high.sup(&v.xy()))
         });
@@ -143,9 +146,15 @@ impl HeightMap {
     ) {
         let (ab, ac) = ((b - a).xy(), (c - a).xy());
         let area = ab.perp(&ac);
-        let (low, high) = (a.xy().inf(&b.xy()).inf(&c.xy()), a.xy().sup(&b.xy()).sup(&c.xy()));
+        let (low, high) = (
+            a.xy().inf(&b.xy()).inf(&c.xy()),
+            a.xy().sup(&b.xy()).sup(&c.xy()),
+        );
         let index = |x: f64, count: usize| x.clamp(0.0, (count - 1) as f64) as usize;
-        let (from, to) = ((low - self.low) / self.cell_m, (high - self.low) / self.cell_m);
+        let (from, to) = (
+            (low - self.low) / self.cell_m,
+            (high - self.low) / self.cell_m,
+        );
         if area.abs() < f64::MIN_POSITIVE
             || to.x < 0.0
             || to.y < 0.0
@@ -224,10 +233,8 @@ impl HeightMap {
     /// The node nearest to a place; `None` outside the grid.
     pub fn node(&self, at: &Vector2<f64>) -> Option<usize> {
         let at = ((at - self.low) / self.cell_m).map(f64::round);
-        let inside = at.x >= 0.0
-            && at.y >= 0.0
-            && at.x < self.columns as f64
-            && at.y < self.rows as f64;
+        let inside =
+            at.x >= 0.0 && at.y >= 0.0 && at.x < self.columns as f64 && at.y < self.rows as f64;
         inside.then(|| at.y as usize * self.columns + at.x as usize)
     }
 
@@ -241,10 +248,8 @@ impl HeightMap {
     pub fn height_m(&self, at: &Vector2<f64>) -> Option<f64> {
         let place = (at - self.low) / self.cell_m;
         let (i, j) = (place.x.floor(), place.y.floor());
-        let inside = i >= 0.0
-            && j >= 0.0
-            && i + 1.0 < self.columns as f64
-            && j + 1.0 < self.rows as f64;
+        let inside =
+            i >= 0.0 && j >= 0.0 && i + 1.0 < self.columns as f64 && j + 1.0 < self.rows as f64;
         if inside {
             let first = j as usize * self.columns + i as usize;
             let (u, v) = (place.x - i, place.y - j);

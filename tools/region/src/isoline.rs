@@ -59,8 +59,12 @@ impl Field<'_> {
         ];
         let mut segments = Vec::new();
         // Around the square counterclockwise, the line leaves it where the value falls.
-        let falls: Vec<usize> = (0..4).filter(|k| above[*k] && !above[(k + 1) % 4]).collect();
-        let rises: Vec<usize> = (0..4).filter(|k| !above[*k] && above[(k + 1) % 4]).collect();
+        let falls: Vec<usize> = (0..4)
+            .filter(|k| above[*k] && !above[(k + 1) % 4])
+            .collect();
+        let rises: Vec<usize> = (0..4)
+            .filter(|k| !above[*k] && above[(k + 1) % 4])
+            .collect();
         match (falls.len(), rises.len()) {
             (1, 1) => segments.push((edges[falls[0]], edges[rises[0]])),
             (2, 2) => {
@@ -81,7 +85,11 @@ impl Field<'_> {
     }
 
     fn place(&self, (node, along_y): Cut, level: f64) -> Vector2<f64> {
-        let other = if along_y { node + self.columns } else { node + 1 };
+        let other = if along_y {
+            node + self.columns
+        } else {
+            node + 1
+        };
         let (a, b) = (self.values[node], self.values[other]);
         let share = if a == b {
             0.5

@@ -23,9 +23,6 @@ mod surface;
 mod text;
 mod touch;
 
-#[cfg(test)]
-mod tests;
-
 pub use draft::{Draft, RegionOptions, draft};
 pub use error::RegionError;
 pub use frame::{Match, from_matches, pose};

@@ -66,7 +66,11 @@ pub(crate) fn unit(
         .filter(|d| d.iter().all(|x| x.is_finite()))
         .map(Unit::into_inner)
         .ok_or_else(|| {
-            RegionError::option(option, format!("{direction:?}"), "a vector that is not zero")
+            RegionError::option(
+                option,
+                format!("{direction:?}"),
+                "a vector that is not zero",
+            )
         })
 }
 

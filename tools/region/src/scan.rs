@@ -43,8 +43,9 @@ pub(crate) fn map(
     let plane = TaskPlane::new(points.vertices[0], &normal, &along, 0.0);
     let mut places: Vec<Vector3<f64>> = points.vertices.iter().map(|v| plane.place(v)).collect();
     if let Some(outline) = &options.outline_m {
-        let ring: Vec<[f64; 2]> =
-            (outline.iter()).map(|p| plane.place(&(*p).into()).xy().into()).collect();
+        let ring: Vec<[f64; 2]> = (outline.iter())
+            .map(|p| plane.place(&(*p).into()).xy().into())
+            .collect();
         let polygon = tangent_control::fill::Polygon::new(&ring, &[]);
         let near = |p: &Vector3<f64>| {
             polygon.contains(&p.xy()) || polygon.edge_distance_m(&p.xy()) < spacing_m
@@ -58,7 +59,10 @@ pub(crate) fn map(
         )));
     }
     let (low, high) = places.iter().fold(
-        (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY)),
+        (
+            Vector2::repeat(f64::INFINITY),
+            Vector2::repeat(f64::NEG_INFINITY),
+        ),
         |(low, high), p| (low.inf(&p.xy()), high.sup(&p.xy())),
     );
     let size = high - low;
@@ -87,7 +91,10 @@ pub(crate) fn map(
 /// Direction in which the points spread least, upwards in the base.
 fn thinnest(points: &[Vector3<f64>]) -> Vector3<f64> {
     let mean = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
-    let spread: Matrix3<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+    let spread: Matrix3<f64> = points
+        .iter()
+        .map(|p| (p - mean) * (p - mean).transpose())
+        .sum();
     let eigen = spread.symmetric_eigen();
     let (least, _) = eigen.eigenvalues.argmin();
     let normal: Vector3<f64> = eigen.eigenvectors.column(least).into_owned();
@@ -108,14 +115,15 @@ fn medians(map: &mut HeightMap, places: &[Vector3<f64>]) {
 fn around(map: &HeightMap, node: usize) -> impl Iterator<Item = usize> + '_ {
     let (i, j) = ((node % map.columns) as i64, (node / map.columns) as i64);
     let near = (-1..=1).flat_map(|dj| (-1..=1).map(move |di| (di, dj)));
-    near.filter(|step| *step != (0, 0)).filter_map(move |(di, dj)| {
-        let (i, j) = (i + di, j + dj);
-        let inside = i >= 0 && j >= 0 && i < map.columns as i64 && j < map.rows as i64;
-        let other = j * map.columns as i64 + i;
-        inside
-            .then_some(other as usize)
-            .filter(|other| map.heights_m[*other].is_finite())
-    })
+    near.filter(|step| *step != (0, 0))
+        .filter_map(move |(di, dj)| {
+            let (i, j) = (i + di, j + dj);
+            let inside = i >= 0 && j >= 0 && i < map.columns as i64 && j < map.rows as i64;
+            let other = j * map.columns as i64 + i;
+            inside
+                .then_some(other as usize)
+                .filter(|other| map.heights_m[*other].is_finite())
+        })
 }
 
 /// Grows the known nodes into gaps, and takes back what grew beyond the rim.
@@ -125,19 +133,23 @@ fn close(map: &mut HeightMap) {
         let grown: Vec<(usize, f64)> = (0..known.len())
             .filter(|node| !map.heights_m[*node].is_finite())
             .filter_map(|node| {
-                let (sum, count) = around(map, node)
-                    .fold((0.0, 0), |(sum, count), other| (sum + map.heights_m[other], count + 1));
+                let (sum, count) = around(map, node).fold((0.0, 0), |(sum, count), other| {
+                    (sum + map.heights_m[other], count + 1)
+                });
                 (count > 0).then(|| (node, sum / f64::from(count)))
             })
             .collect();
-        grown.into_iter().for_each(|(node, h)| map.heights_m[node] = h);
+        grown
+            .into_iter()
+            .for_each(|(node, h)| map.heights_m[node] = h);
     }
     for _ in 0..CLOSED {
         let rim: Vec<usize> = (0..known.len())
             .filter(|node| !known[*node] && map.heights_m[*node].is_finite())
             .filter(|node| around(map, *node).count() < 8)
             .collect();
-        rim.into_iter().for_each(|node| map.heights_m[node] = f64::NAN);
+        rim.into_iter()
+            .for_each(|node| map.heights_m[node] = f64::NAN);
     }
 }
 
@@ -150,7 +162,9 @@ fn smooth(map: &mut HeightMap) {
                 let pairs = [1, map.columns, map.columns + 1, map.columns - 1];
                 let (mut sum, mut count) = (own, 1.0);
                 for step in pairs {
-                    let before = node.checked_sub(step).map_or(f64::NAN, |k| map.heights_m[k]);
+                    let before = node
+                        .checked_sub(step)
+                        .map_or(f64::NAN, |k| map.heights_m[k]);
                     let after = map.heights_m.get(node + step).copied().unwrap_or(f64::NAN);
                     let flat = (before - after).abs() < 2.0 * STEP_CELLS * map.cell_m;
                     if before.is_finite() && after.is_finite() && flat {
@@ -209,6 +223,10 @@ fn edges(map: &HeightMap) -> Vec<[Vector3<f64>; 2]> {
     };
     let over = |p: &Vector2<f64>| p.push(map.height_m(p).unwrap_or_default());
     (field.rings(0.5).iter())
-        .flat_map(|ring| ring.windows(2).map(|e| [over(&e[0]), over(&e[1])]).collect::<Vec<_>>())
+        .flat_map(|ring| {
+            ring.windows(2)
+                .map(|e| [over(&e[0]), over(&e[1])])
+                .collect::<Vec<_>>()
+        })
         .collect()
 }

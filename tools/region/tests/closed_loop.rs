@@ -87,7 +87,12 @@ fn region<'a>(mesh: &Mesh, pattern: Pattern) -> RegionOptions<'a> {
         selection: Selection::All,
         approach: None,
         rows_along: [1.0, 0.0, 0.0],
-        outline_m: Some(vec![at(0.0, 0.02), at(0.065, 0.02), at(0.065, 0.055), at(0.0, 0.055)]),
+        outline_m: Some(vec![
+            at(0.0, 0.02),
+            at(0.065, 0.02),
+            at(0.065, 0.055),
+            at(0.0, 0.055),
+        ]),
         holes_m: vec![vec![
             at(0.025, 0.03),
             at(0.0425, 0.03),
@@ -170,8 +175,7 @@ fn true_share(run: &Run, draft: &Draft) -> f64 {
     let polygon = Polygon::new(&draft.rings_m[0], &draft.rings_m[1..]);
     let (low, high) = polygon.bounds();
     let size = ((high - low) / CELL_M).map(|x| x.ceil() as usize);
-    let middle =
-        |i: usize, j: usize| low + Vector2::new(i as f64 + 0.5, j as f64 + 0.5) * CELL_M;
+    let middle = |i: usize, j: usize| low + Vector2::new(i as f64 + 0.5, j as f64 + 0.5) * CELL_M;
     let mut doses = vec![0.0; size.x * size.y];
     let area_cm2 = std::f64::consts::PI * RADIUS_M * RADIUS_M * 1e4;
     for (at, slope, impulse) in &run.presses {
@@ -199,11 +203,19 @@ fn true_share(run: &Run, draft: &Draft) -> f64 {
     f64::from(good as u32) / f64::from(all)
 }
 
-const SURFACES: [&str; 6] = ["plane", "pipe_ideal", "cone_ideal", "sphere", "torus", "sheet"];
+const SURFACES: [&str; 6] = [
+    "plane",
+    "pipe_ideal",
+    "cone_ideal",
+    "sphere",
+    "torus",
+    "sheet",
+];
 
 fn covers(pattern: Pattern, moved: bool) {
     for name in SURFACES {
-        let any = "name = \"a\"\nforce.reference_n = 5.0\npath = { kind = \"stay\", duration_s = 1.0 }";
+        let any =
+            "name = \"a\"\nforce.reference_n = 5.0\npath = { kind = \"stay\", duration_s = 1.0 }";
         let (mesh, start) = true_mesh(&scenario(name, any));
         let mesh = if moved { displaced(mesh, &start) } else { mesh };
         let draft = draft(&mesh, &region(&mesh, pattern)).unwrap();
@@ -253,4 +265,3 @@ fn rings_of_a_mesh_that_is_displaced_and_tilted_cover_every_surface() {
 fn spirals_of_the_true_mesh_cover_every_surface() {
     covers(Pattern::Spiral, false);
 }
-

@@ -36,7 +36,10 @@ pub(crate) fn points_of(
     for v in (0..height).step_by(step) {
         for u in (0..width).step_by(step) {
             let z = f64::from(depth_m[v * width + u]);
-            let beside = [(u + 1 < width).then(|| (u + 1, v)), (v + 1 < height).then(|| (u, v + 1))];
+            let beside = [
+                (u + 1 < width).then(|| (u + 1, v)),
+                (v + 1 < height).then(|| (u, v + 1)),
+            ];
             let at_rim = beside.into_iter().flatten().any(|(u, v)| {
                 let other = f64::from(depth_m[v * width + u]);
                 !((other - z).abs() <= RIM_SHARE * z)
@@ -75,7 +78,9 @@ mod tests {
             encoding: "32FC1".into(),
             is_bigendian: 0,
             step: 4 * width as u32,
-            data: (0..width * height).flat_map(|k| depth(k).to_le_bytes()).collect(),
+            data: (0..width * height)
+                .flat_map(|k| depth(k).to_le_bytes())
+                .collect(),
         };
         let points = points_of(&image, &intrinsics, 10_000).unwrap();
         assert_eq!(points.len(), width * height);
@@ -85,7 +90,10 @@ mod tests {
         assert!(points_of(&image, &intrinsics, 100).unwrap().len() <= 100);
         // No reading, and the pixels beside it.
         image.data[..4].copy_from_slice(&f32::NAN.to_le_bytes());
-        assert_eq!(points_of(&image, &intrinsics, 10_000).unwrap().len(), width * height - 1);
+        assert_eq!(
+            points_of(&image, &intrinsics, 10_000).unwrap().len(),
+            width * height - 1
+        );
         image.step = 7;
         assert!(points_of(&image, &intrinsics, 100).is_err());
     }

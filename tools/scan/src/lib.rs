@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use tangent_estimation::depth_normal::Intrinsics;
 use tangent_mechanics::{Camera, Pose, Tool};
-use tangent_recorder::{Recording, RecorderError};
+use tangent_recorder::{RecorderError, Recording};
 use tangent_runtime::CellConfig;
 use tangent_schemas::standard::{CameraInfo, Image};
 use tangent_schemas::tangent::ArmState;
@@ -42,10 +42,14 @@ pub enum ScanError {
     #[error(transparent)]
     Recording(#[from] RecorderError),
     /// The cell has no camera.
-    #[error("the cell file has no [camera]: name the cell with the camera of the recording with --cell")]
+    #[error(
+        "the cell file has no [camera]: name the cell with the camera of the recording with --cell"
+    )]
     NoCamera,
     /// Something is missing in the recording.
-    #[error("{file}: no {missing}: record with the services `camera` (kind = \"depth\") and `rtde` or `franka`")]
+    #[error(
+        "{file}: no {missing}: record with the services `camera` (kind = \"depth\") and `rtde` or `franka`"
+    )]
     Missing {
         /// The recording.
         file: PathBuf,
@@ -112,8 +116,17 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
     if count == 0 {
         return Err(missing("camera/depth"));
     }
-    let (every, per_image) = (count.div_ceil(IMAGES_MAX), POINTS_MAX / count.min(IMAGES_MAX));
-    let (mut number, mut scan) = (0, Scan { points: Vec::new(), images: 0 });
+    let (every, per_image) = (
+        count.div_ceil(IMAGES_MAX),
+        POINTS_MAX / count.min(IMAGES_MAX),
+    );
+    let (mut number, mut scan) = (
+        0,
+        Scan {
+            points: Vec::new(),
+            images: 0,
+        },
+    );
     for message in recording.try_messages_where(|of| {
         let is_depth = named(of.topic, depth);
         number += usize::from(is_depth);
@@ -134,7 +147,9 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
         scan.images += 1;
     }
     if scan.points.is_empty() {
-        return Err(missing("camera/depth with a reading while arm/state was recorded"));
+        return Err(missing(
+            "camera/depth with a reading while arm/state was recorded",
+        ));
     }
     Ok(scan)
 }

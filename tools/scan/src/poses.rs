@@ -55,7 +55,11 @@ mod tests {
     #[test]
     fn a_pose_is_taken_between_two_states_and_not_in_a_gap() {
         let pose = |x: f64| Pose::new(Vector3::new(x, 0.0, 0.0), UnitQuaternion::identity());
-        let poses = Poses(vec![(0, pose(0.0)), (10_000_000, pose(0.1)), (900_000_000, pose(0.2))]);
+        let poses = Poses(vec![
+            (0, pose(0.0)),
+            (10_000_000, pose(0.1)),
+            (900_000_000, pose(0.2)),
+        ]);
         assert!((poses.at(5_000_000).unwrap().translation().x - 0.05).abs() < 1e-12);
         assert!(poses.at(500_000_000).is_none());
         assert!(poses.at(950_000_000).is_none());

@@ -106,8 +106,8 @@ impl CoverageSpec {
     /// What is judged, and the table of its keys: the region of the path, or for strokes the
     /// outline of `[coverage]`.
     pub(super) fn region(&self, path: &PathSpec) -> Result<(Region, &'static str), ControlError> {
-        let own = !(self.outline_m.is_empty() && self.holes_m.is_empty())
-            || self.margin_m.is_some();
+        let own =
+            !(self.outline_m.is_empty() && self.holes_m.is_empty()) || self.margin_m.is_some();
         match path {
             PathSpec::Region(region) if !own => Ok((region.clone(), "path")),
             PathSpec::Region(_) => Err(ControlError::range(

@@ -38,7 +38,13 @@ fn follow(coverage: &mut Coverage, path: &Path, time_s: &mut f64) -> Vector2<f64
             done += 1;
             continue;
         }
-        coverage.press(&path.at(t).position, &Vector2::zeros(), FORCE_N, *time_s, DT_S);
+        coverage.press(
+            &path.at(t).position,
+            &Vector2::zeros(),
+            FORCE_N,
+            *time_s,
+            DT_S,
+        );
         t += DT_S;
         *time_s += DT_S;
     }
@@ -75,7 +81,13 @@ fn a_stroke_leaves_the_dose_of_the_closed_form() {
     let steps = (0.1 / speed / DT_S) as usize;
     for step in 0..steps {
         let x = step as f64 * DT_S * speed;
-        coverage.press(&Vector2::new(x, 0.03), &Vector2::zeros(), FORCE_N, 0.0, DT_S);
+        coverage.press(
+            &Vector2::new(x, 0.03),
+            &Vector2::zeros(),
+            FORCE_N,
+            0.0,
+            DT_S,
+        );
     }
     let mut compared = 0;
     for ([x, y], dose) in coverage.cells() {

@@ -77,13 +77,17 @@ impl ExpectedSurface {
             let above = (j + 1 < self.rows()).then(|| index + self.columns);
             for next in [beside, above].into_iter().flatten() {
                 let slope = (self.heights_m[next] - self.heights_m[index]) / self.cell_m;
-                check_range(&key("heights_m: slope, m per m"), slope, -SLOPE_MAX, SLOPE_MAX)?;
+                check_range(
+                    &key("heights_m: slope, m per m"),
+                    slope,
+                    -SLOPE_MAX,
+                    SLOPE_MAX,
+                )?;
             }
         }
         let (low, high) = self.bounds();
-        let outside = |p: &&[f64; 2]| {
-            (0..2).any(|k| p[k] < low[k] - BORDER_M || p[k] > high[k] + BORDER_M)
-        };
+        let outside =
+            |p: &&[f64; 2]| (0..2).any(|k| p[k] < low[k] - BORDER_M || p[k] > high[k] + BORDER_M);
         let mut points = points;
         if let Some(point) = points.find(outside) {
             let allowed = format!(
@@ -187,7 +191,10 @@ mod tests {
     #[test]
     fn bad_grids_are_refused_by_key() {
         for (change, key) in [
-            ((|s| s.cell_m = f64::NAN) as fn(&mut ExpectedSurface), "surface.cell_m"),
+            (
+                (|s| s.cell_m = f64::NAN) as fn(&mut ExpectedSurface),
+                "surface.cell_m",
+            ),
             (|s| s.columns = 10, "surface.columns"),
             (|s| s.columns = 0, "surface.columns"),
             (|s| s.heights_m[7] = f64::INFINITY, "surface.heights_m"),

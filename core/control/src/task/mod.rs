@@ -139,8 +139,10 @@ impl Task {
     /// Fills in what the tool says: `coverage.radius_m`, if it is not given, is the radius of a
     /// flat, ring or soft tip. The patch of a round tip is not known.
     pub fn complete(&mut self, tip: &Tip) {
-        if let (Some(coverage), Tip::Flat { radius_m } | Tip::Ring { radius_m } | Tip::Soft { radius_m }) =
-            (&mut self.coverage, tip)
+        if let (
+            Some(coverage),
+            Tip::Flat { radius_m } | Tip::Ring { radius_m } | Tip::Soft { radius_m },
+        ) = (&mut self.coverage, tip)
         {
             coverage.radius_m.get_or_insert(*radius_m);
         }

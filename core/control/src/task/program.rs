@@ -68,7 +68,10 @@ impl<C: LawConfig> Program<C> {
         let (acceleration, jerk) = config.path_bounds();
         let mut path = Path::new(&task.path, acceleration, jerk)?;
         press_along_path(task, &mut path)?;
-        let (rate, most) = (path.force_rate_max_n_per_s(), config.force_rate_max_n_per_s());
+        let (rate, most) = (
+            path.force_rate_max_n_per_s(),
+            config.force_rate_max_n_per_s(),
+        );
         if rate > most {
             return Err(ControlError::range(
                 "force profile",

@@ -43,10 +43,7 @@ impl Mesh {
     ///
     /// # Errors
     /// A coordinate is not finite, an index is not that of a vertex, or nothing is left.
-    pub(crate) fn new(
-        vertices: Vec<Vector3<f64>>,
-        triangles: Vec<[u32; 3]>,
-    ) -> Result<Self, String> {
+    pub fn new(vertices: Vec<Vector3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self, String> {
         if let Some(index) = (vertices.iter()).position(|v| !v.iter().all(|x| x.abs() < 1e9)) {
             let v = vertices[index];
             return Err(format!(

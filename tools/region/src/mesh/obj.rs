@@ -21,12 +21,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
     for model in models {
         let first = vertices.len() as u32;
         let mesh = model.mesh;
-        vertices.extend(
-            (mesh.positions.chunks_exact(3)).map(|p| Vector3::new(p[0], p[1], p[2])),
+        vertices.extend((mesh.positions.chunks_exact(3)).map(|p| Vector3::new(p[0], p[1], p[2])));
+        triangles.extend(
+            (mesh.indices.chunks_exact(3))
+                .map(|t| [t[0], t[1], t[2]].map(|index| first.saturating_add(index))),
         );
-        triangles.extend((mesh.indices.chunks_exact(3)).map(|t| {
-            [t[0], t[1], t[2]].map(|index| first.saturating_add(index))
-        }));
         if triangles.len() > COUNT_MAX || vertices.len() > 3 * COUNT_MAX {
             return Err(format!(
                 "it has more than {COUNT_MAX} triangles: simplify the mesh"

@@ -63,7 +63,8 @@ mod tests {
     const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
         property float z\nproperty uchar red\nelement face 1\nproperty list uchar int vertex_indices\n\
         end_header\n0 0 0 1\n1 0 0 2\n1 1 0 3\n0 1 0 4\n4 0 1 2 3\n";
-    const OBJ: &str = "# a\nmtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1 4//1\n";
+    const OBJ: &str =
+        "# a\nmtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1 4//1\n";
 
     fn stl() -> String {
         STL.replace("outer", "\nouter")
@@ -157,7 +158,11 @@ mod tests {
                 "ply",
                 "vertices",
             ),
-            (PLY.replace("4 0 1 2 3", "2 0 1").into_bytes(), "ply", "3 or more"),
+            (
+                PLY.replace("4 0 1 2 3", "2 0 1").into_bytes(),
+                "ply",
+                "3 or more",
+            ),
             (PLY.replace("1 1 0 3", "1 nan 0 3").into_bytes(), "ply", ""),
             (b"plx\n".to_vec(), "ply", ""),
             (OBJ.replace("f 1//1", "f 9//1").into_bytes(), "obj", ""),

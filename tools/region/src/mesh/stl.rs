@@ -26,18 +26,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Mesh, String> {
     }
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for triangle in reader {
-        let triangle = triangle.map_err(|error| {
-            format!("after {} triangles: {error}", triangles.len())
-        })?;
+        let triangle =
+            triangle.map_err(|error| format!("after {} triangles: {error}", triangles.len()))?;
         if triangles.len() >= COUNT_MAX {
             return Err(format!(
                 "it has more than {COUNT_MAX} triangles: simplify the mesh"
             ));
         }
         let first = vertices.len() as u32;
-        vertices.extend(
-            (triangle.vertices.iter()).map(|v| Vector3::from(v.0).map(f64::from)),
-        );
+        vertices.extend((triangle.vertices.iter()).map(|v| Vector3::from(v.0).map(f64::from)));
         triangles.push([first, first + 1, first + 2]);
     }
     if triangles.is_empty() {

@@ -207,10 +207,7 @@ impl Run {
         let expected = program.task.path.expected_surface().zip(chart);
         let expected = expected.map(|(surface, chart)| {
             let at = self.lift.from;
-            (
-                Expected::new(surface, chart, &self.tracking, &at),
-                chart,
-            )
+            (Expected::new(surface, chart, &self.tracking, &at), chart)
         });
         let (lands, to_normal) = match &expected {
             None => (lands, to_normal),

@@ -203,8 +203,7 @@ impl Tracking {
         let now = path.at(self.clock_s);
         let before = now.position;
         let rate = self.clock_rate * waiting / self.stretch(&now.velocity, normal);
-        self.clock_s = (self.clock_s + rate * dt_s)
-            .min(path.slides_until_s(self.lifts_done));
+        self.clock_s = (self.clock_s + rate * dt_s).min(path.slides_until_s(self.lifts_done));
         self.moved_by(
             config,
             path.at(self.clock_s).position - before,

@@ -31,7 +31,10 @@ pub(crate) fn check_force_profile(key: &str, profile: &[[f64; 2]]) -> Result<(),
 /// Force at a way, N: linear between the places of the profile, constant beyond its ends.
 pub(super) fn force_at(profile: &[[f64; 2]], way_m: f64) -> Option<f64> {
     let next = profile.partition_point(|[at_m, _]| *at_m <= way_m);
-    match (next.checked_sub(1).and_then(|i| profile.get(i)), profile.get(next)) {
+    match (
+        next.checked_sub(1).and_then(|i| profile.get(i)),
+        profile.get(next),
+    ) {
         (Some([from_m, from_n]), Some([to_m, to_n])) => {
             Some(from_n + (to_n - from_n) * (way_m - from_m) / (to_m - from_m))
         }
@@ -54,7 +57,13 @@ mod tests {
     fn a_profile_is_linear_between_its_places_and_constant_beyond() {
         let profile = [[0.01, 3.0], [0.05, 8.0], [0.06, 4.0]];
         check_force_profile("p", &profile).unwrap();
-        for (way_m, force_n) in [(0.0, 3.0), (0.01, 3.0), (0.03, 5.5), (0.055, 6.0), (1.0, 4.0)] {
+        for (way_m, force_n) in [
+            (0.0, 3.0),
+            (0.01, 3.0),
+            (0.03, 5.5),
+            (0.055, 6.0),
+            (1.0, 4.0),
+        ] {
             let found = force_at(&profile, way_m).unwrap();
             assert!((found - force_n).abs() < 1e-9, "{way_m}: {found}");
         }

@@ -17,8 +17,8 @@ use tangent_mechanics::{
 
 use crate::contact::alignment::plane_axes;
 use crate::limits::Limits;
-use crate::task::{Task, normal_of};
 use crate::task::path::{Path, PathPlace};
+use crate::task::{Task, normal_of};
 
 pub use refusal::{Edge, Place, REFUSED, Refusal, words};
 

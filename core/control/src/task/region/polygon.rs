@@ -179,7 +179,11 @@ pub(crate) fn nearest_in_space(segments: &[[Vector3<f64>; 2]], place: &Vector3<f
         let share = (place - a).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
         (a + along * share.clamp(0.0, 1.0) - place).norm_squared()
     };
-    segments.iter().map(away2).fold(f64::INFINITY, f64::min).sqrt()
+    segments
+        .iter()
+        .map(away2)
+        .fold(f64::INFINITY, f64::min)
+        .sqrt()
 }
 
 /// Whether two segments have a point in common.

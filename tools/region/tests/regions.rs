@@ -4,8 +4,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use tangent_control::{Pattern, Task};
 use tangent_mechanics::{ModelData, Pose, Tip};
 
-use crate::fill::length_m;
-use crate::{Draft, Mesh, RegionError, RegionOptions, Selection, draft};
+use tangent_region::{Draft, Mesh, RegionError, RegionOptions, Selection, draft};
 
 /// A mesh of `z = height(x, y)` over `size` (m) with nodes `step` apart.
 fn graph(size: [f64; 2], step: f64, height: impl Fn(f64, f64) -> f64) -> Mesh {
@@ -81,10 +80,21 @@ fn rows_on_a_slope_of_60_degrees_are_the_spacing_apart_along_the_slope() {
     for pattern in [Pattern::Raster, Pattern::Contour, Pattern::Spiral] {
         let height = |_: f64, y: f64| rise * y;
         let mesh = graph([0.1, 0.06], 0.005, height);
-        let how = RegionOptions { pattern, ..options() };
+        let how = RegionOptions {
+            pattern,
+            ..options()
+        };
         let draft = draft(&mesh, &how).unwrap();
-        assert!((draft.steepest_deg - 60.0).abs() < 0.5, "{}", draft.steepest_deg);
-        assert!((draft.area_cm2 / 120.0 - 1.0).abs() < 0.05, "{}", draft.area_cm2);
+        assert!(
+            (draft.steepest_deg - 60.0).abs() < 0.5,
+            "{}",
+            draft.steepest_deg
+        );
+        assert!(
+            (draft.area_cm2 / 120.0 - 1.0).abs() < 0.05,
+            "{}",
+            draft.area_cm2
+        );
         let strokes = strokes(&draft, height);
         if pattern == Pattern::Raster {
             // 120 mm of slope less two margins: 100 mm in 13 gaps.
@@ -108,8 +118,15 @@ fn rows_on_a_slope_of_60_degrees_are_the_spacing_apart_along_the_slope() {
                 furthest = furthest.max(away_m(&strokes, &at));
             }
         }
-        println!("{pattern:?}: {} strokes, furthest {furthest:.5} m", strokes.len());
-        let most = if pattern == Pattern::Raster { 0.0042 } else { 0.0065 };
+        println!(
+            "{pattern:?}: {} strokes, furthest {furthest:.5} m",
+            strokes.len()
+        );
+        let most = if pattern == Pattern::Raster {
+            0.0042
+        } else {
+            0.0065
+        };
         assert!(furthest < most, "{pattern:?}: {furthest}");
     }
 }
@@ -139,7 +156,10 @@ fn rings_on_a_dome_are_the_spacing_apart_along_it() {
     let mut arcs: Vec<f64> = strokes(&draft, height)
         .iter()
         .map(|ring| {
-            let mean = ring.iter().map(|p| (p.x - 0.065).hypot(p.y - 0.065)).sum::<f64>();
+            let mean = ring
+                .iter()
+                .map(|p| (p.x - 0.065).hypot(p.y - 0.065))
+                .sum::<f64>();
             radius * (mean / ring.len() as f64 / radius).asin()
         })
         .collect();
@@ -148,7 +168,10 @@ fn rings_on_a_dome_are_the_spacing_apart_along_it() {
     // The edge is 0.0679 m from the top along the dome.
     for (k, arc) in arcs.iter().rev().enumerate() {
         let wanted = 0.0679 - 0.004 - 0.008 * k as f64;
-        assert!((arc - wanted).abs() < 0.0015 || wanted < 0.008, "{k}: {arc} {wanted}");
+        assert!(
+            (arc - wanted).abs() < 0.0015 || wanted < 0.008,
+            "{k}: {arc} {wanted}"
+        );
     }
     assert!((7..=10).contains(&arcs.len()), "{}", arcs.len());
 }
@@ -158,7 +181,11 @@ fn a_hole_of_the_mesh_is_kept_clear_and_rows_end_before_it() {
     let mut mesh = graph([0.1, 0.1], 0.005, |_, _| 0.0);
     let vertices = mesh.vertices.clone();
     mesh.triangles.retain(|t| {
-        let m = t.iter().map(|i| vertices[*i as usize]).sum::<Vector3<f64>>() / 3.0;
+        let m = t
+            .iter()
+            .map(|i| vertices[*i as usize])
+            .sum::<Vector3<f64>>()
+            / 3.0;
         !((0.04..0.06).contains(&m.x) && (0.04..0.06).contains(&m.y))
     });
     let how = RegionOptions {
@@ -174,7 +201,10 @@ fn a_hole_of_the_mesh_is_kept_clear_and_rows_end_before_it() {
                 let p = ends[0].lerp(&ends[1], f64::from(k) / 20.0);
                 let inside = (0.0352..0.0648).contains(&p.x) && (0.0352..0.0648).contains(&p.y);
                 let corner = (p.xy() - Vector2::repeat(0.05)).abs() - Vector2::repeat(0.01);
-                assert!(!inside || corner.sup(&Vector2::zeros()).norm() > 0.0045, "{p}");
+                assert!(
+                    !inside || corner.sup(&Vector2::zeros()).norm() > 0.0045,
+                    "{p}"
+                );
             }
         }
     }
@@ -185,7 +215,10 @@ fn a_hole_of_the_mesh_is_kept_clear_and_rows_end_before_it() {
 fn a_box_gives_the_side_that_is_asked_for() {
     let mesh = block();
     // All of it faces nowhere.
-    let how = RegionOptions { approach: None, ..options() };
+    let how = RegionOptions {
+        approach: None,
+        ..options()
+    };
     let error = draft(&mesh, &how).unwrap_err().to_string();
     assert!(error.contains("--approach"), "{error}");
     let turn = std::f64::consts::FRAC_PI_4;
@@ -232,7 +265,12 @@ fn block() -> Mesh {
                 p[(axis + 2) % 3] = v;
                 p.component_mul(&size)
             };
-            let ring = [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)];
+            let ring = [
+                corner(0.0, 0.0),
+                corner(1.0, 0.0),
+                corner(1.0, 1.0),
+                corner(0.0, 1.0),
+            ];
             for mut t in [[0, 1, 2], [0, 2, 3]] {
                 if side == 0.0 {
                     t.reverse();
@@ -262,10 +300,16 @@ fn what_cannot_be_pressed_is_refused_with_its_place() {
     assert!(matches!(error, RegionError::Overlap { .. }), "{error}");
     let flat = graph([0.1, 0.06], 0.005, |_, _| 0.0);
     for (change, word) in [
-        ((|o| o.margin_m = Some(0.04)) as fn(&mut RegionOptions<'_>), "--margin-m"),
+        (
+            (|o| o.margin_m = Some(0.04)) as fn(&mut RegionOptions<'_>),
+            "--margin-m",
+        ),
         (|o| o.spacing_m = Some(1e-5), "--spacing-m"),
         (|o| o.approach = Some([0.0, 0.0, 1.0]), "faces"),
-        (|o| o.outline_m = Some(vec![[1.0, 0.0, 0.0], [1.1, 0.0, 0.0], [1.0, 0.1, 0.0]]), "--outline"),
+        (
+            |o| o.outline_m = Some(vec![[1.0, 0.0, 0.0], [1.1, 0.0, 0.0], [1.0, 0.1, 0.0]]),
+            "--outline",
+        ),
         (|o| o.touch_m = Some([1.0, 1.0, 0.0]), "--touch"),
         (|o| o.approach = Some([0.0; 3]), "--approach"),
         (|o| o.force_n = 5000.0, "force.reference_n"),
@@ -293,12 +337,21 @@ fn a_scan_becomes_the_surface_that_it_shows() {
         if (x - 0.05).hypot(y - 0.05) < 0.002 {
             continue;
         }
-        let noise = if k % 97 == 0 { 0.05 * random() } else { 0.0006 * random() };
+        let noise = if k % 97 == 0 {
+            0.05 * random()
+        } else {
+            0.0006 * random()
+        };
         scan.vertices.push(Vector3::new(x, y, height(x, y) + noise));
     }
     let how = RegionOptions {
         spacing_m: Some(0.012),
-        outline_m: Some(vec![[0.02, 0.02, 0.0], [0.12, 0.02, 0.0], [0.12, 0.09, 0.0], [0.02, 0.09, 0.0]]),
+        outline_m: Some(vec![
+            [0.02, 0.02, 0.0],
+            [0.12, 0.02, 0.0],
+            [0.12, 0.09, 0.0],
+            [0.02, 0.09, 0.0],
+        ]),
         margin_m: Some(0.004),
         ..options()
     };
@@ -327,7 +380,10 @@ fn the_start_pose_is_above_the_place_where_the_tool_touches_down() {
         *v = turn * *v + Vector3::new(0.4, -0.05, 0.1);
     }
     let model = ModelData::builtin("ur5").unwrap();
-    let tool = Pose::new(Vector3::new(0.0, 0.0, 0.165), nalgebra::UnitQuaternion::identity());
+    let tool = Pose::new(
+        Vector3::new(0.0, 0.0, 0.165),
+        nalgebra::UnitQuaternion::identity(),
+    );
     let how = RegionOptions {
         approach: None,
         arm: Some((&model, &tool)),
@@ -351,7 +407,10 @@ fn the_radius_of_coverage_is_that_of_the_tip_where_it_is_known() {
         margin_m: None,
         ..options()
     };
-    let text = draft(&mesh, &how).unwrap().text.replace("radius_m = 0.01\n", "");
+    let text = draft(&mesh, &how)
+        .unwrap()
+        .text
+        .replace("radius_m = 0.01\n", "");
     let program = |tip: Tip| {
         let mut task: Task = text.parse().unwrap();
         task.complete(&tip);
@@ -361,19 +420,29 @@ fn the_radius_of_coverage_is_that_of_the_tip_where_it_is_known() {
     assert_eq!(program(Tip::Flat { radius_m: 0.011 }).unwrap(), Some(0.011));
     for tip in [Tip::Unknown, Tip::Round { radius_m: 0.01 }] {
         let error = program(tip).unwrap_err().to_string();
-        assert!(error.contains("coverage.radius_m") && error.contains("[tool.tip]"), "{error}");
+        assert!(
+            error.contains("coverage.radius_m") && error.contains("[tool.tip]"),
+            "{error}"
+        );
     }
 }
 
 #[test]
 fn an_edge_pass_runs_along_the_edge() {
     let mesh = graph([0.1, 0.06], 0.005, |_, _| 0.0);
-    let how = RegionOptions { edge_pass: true, ..options() };
+    let how = RegionOptions {
+        edge_pass: true,
+        ..options()
+    };
     let draft = draft(&mesh, &how).unwrap();
     let tangent_control::PathSpec::Strokes(path) = &draft.task.path else {
         panic!("no strokes");
     };
-    let ring = path.strokes.iter().find(|s| s.points_m.first() == s.points_m.last());
+    let ring = path
+        .strokes
+        .iter()
+        .find(|s| s.points_m.first() == s.points_m.last());
     let ring: Vec<Vector2<f64>> = ring.unwrap().points_m.iter().map(|p| (*p).into()).collect();
-    assert!((length_m(&ring) - 0.24).abs() < 0.002, "{}", length_m(&ring));
+    let length_m: f64 = ring.windows(2).map(|ends| (ends[1] - ends[0]).norm()).sum();
+    assert!((length_m - 0.24).abs() < 0.002, "{length_m}");
 }
