@@ -44,10 +44,10 @@ pub(crate) fn edge_distance(map: &HeightMap) -> Vec<f64> {
     }
     let mut distance = vec![far; map.inside.len()];
     let mut open = BinaryHeap::new();
-    for node in 0..distance.len() {
-        if map.inside[node] && beside[node].is_finite() {
-            distance[node] = beside[node];
-            open.push(Reverse((beside[node].to_bits(), node)));
+    for (node, away_m) in beside.iter().enumerate() {
+        if map.inside[node] && away_m.is_finite() {
+            distance[node] = *away_m;
+            open.push(Reverse((away_m.to_bits(), node)));
         }
     }
     let steps = steps();
@@ -68,9 +68,12 @@ pub(crate) fn edge_distance(map: &HeightMap) -> Vec<f64> {
             }
         }
     }
-    for node in 0..distance.len() {
+    for (node, away_m) in beside.iter().enumerate() {
         if !map.inside[node] {
-            distance[node] = -beside[node].min(reach_m);
+            distance[node] = -away_m.min(reach_m);
+        } else if distance[node].is_infinite() {
+            // A part without an edge, such as one smaller than a cell.
+            distance[node] = 0.0;
         }
     }
     distance

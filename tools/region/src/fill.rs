@@ -129,8 +129,8 @@ fn rings(map: &HeightMap, distance: &[f64], fill: &Fill) -> Vec<Ring> {
 fn cores(map: &HeightMap, distance: &[f64], core: f64, next: f64) -> Vec<f64> {
     let mut only = distance.to_vec();
     let mut seen = vec![false; only.len()];
-    for first in 0..only.len() {
-        if seen[first] || distance[first] < core {
+    for (first, own) in distance.iter().enumerate() {
+        if seen[first] || *own < core {
             continue;
         }
         let mut part = vec![first];

@@ -77,7 +77,7 @@ pub fn from_matches(matches: &[Match]) -> Result<(Pose<Base, MeshFrame>, f64), R
     }
     let mut widths = own.symmetric_eigenvalues().map(|x| x.max(0.0).sqrt());
     widths.as_mut_slice().sort_by(f64::total_cmp);
-    if !(widths[1] > WIDTH_SHARE * widths[2]) {
+    if widths[1].is_nan() || widths[1] <= WIDTH_SHARE * widths[2] {
         let words = "they lie on a line: choose places that span a triangle";
         return Err(RegionError::Match(words.to_owned()));
     }

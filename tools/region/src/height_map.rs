@@ -110,7 +110,7 @@ impl HeightMap {
                 if apart_m > APART_M.max(0.5 * cell_m) {
                     apart = Some((node, apart_m));
                 }
-                if !(heights_m[node] > height_m) {
+                if heights_m[node].is_nan() || heights_m[node] < height_m {
                     heights_m[node] = height_m;
                 }
             });
@@ -130,7 +130,7 @@ impl HeightMap {
                 continue;
             }
             map.raster(&corners(index), |heights_m, node, height_m| {
-                if !inside[node] && !(heights_m[node] > height_m) {
+                if !inside[node] && (heights_m[node].is_nan() || heights_m[node] < height_m) {
                     heights_m[node] = height_m;
                 }
             });
@@ -190,7 +190,7 @@ impl HeightMap {
                     continue;
                 };
                 let middle = (piece[0] + piece[1]).xy() * 0.5;
-                let step = across * (1.0 * self.cell_m);
+                let step = across * self.cell_m;
                 if !(self.is_inside(&(middle + step)) && self.is_inside(&(middle - step))) {
                     pieces.push(piece);
                 }

@@ -1,6 +1,7 @@
 //! The points of a scan as heights over the plane of a task.
 //!
-//! Each node takes the median height of the points around it. Gaps of a few nodes are closed, the
+//! Each node takes the median height of the points around it, and nodes that stand out take that of
+//! their neighbours. Gaps of a few nodes are closed, the
 //! heights are smoothed, and the largest connected part is kept.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -81,6 +82,7 @@ pub(crate) fn map(
     }
     let mut map = HeightMap::empty(plane, low, high, cell_m);
     medians(&mut map, &places);
+    despike(&mut map);
     close(&mut map);
     smooth(&mut map);
     keep_largest(&mut map);
@@ -124,6 +126,22 @@ fn around(map: &HeightMap, node: usize) -> impl Iterator<Item = usize> + '_ {
                 .then_some(other as usize)
                 .filter(|other| map.heights_m[*other].is_finite())
         })
+}
+
+/// Gives nodes that stand out from the median of those around them that median.
+fn despike(map: &mut HeightMap) {
+    let medians: Vec<(usize, f64)> = (0..map.heights_m.len())
+        .filter(|node| map.heights_m[*node].is_finite())
+        .filter_map(|node| {
+            let mut near: Vec<f64> = around(map, node).map(|k| map.heights_m[k]).collect();
+            near.sort_by(f64::total_cmp);
+            let median = *near.get(near.len() / 2)?;
+            ((map.heights_m[node] - median).abs() > map.cell_m).then_some((node, median))
+        })
+        .collect();
+    medians
+        .into_iter()
+        .for_each(|(node, h)| map.heights_m[node] = h);
 }
 
 /// Grows the known nodes into gaps, and takes back what grew beyond the rim.
@@ -182,8 +200,11 @@ fn smooth(map: &mut HeightMap) {
 fn keep_largest(map: &mut HeightMap) {
     let mut seen = vec![false; map.heights_m.len()];
     let mut largest = Vec::new();
-    for first in 0..seen.len() {
-        if seen[first] || !map.heights_m[first].is_finite() {
+    let known: Vec<usize> = (0..seen.len())
+        .filter(|k| map.heights_m[*k].is_finite())
+        .collect();
+    for first in known {
+        if seen[first] {
             continue;
         }
         seen[first] = true;

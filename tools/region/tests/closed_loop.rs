@@ -1,5 +1,7 @@
 //! Regions of meshes in the closed loop: what `docs/region.md` states, by true places and forces.
 
+#![allow(clippy::unwrap_used)]
+
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use tangent_control::fill::Polygon;
 use tangent_control::{Coverage, CoverageResult, Pattern, Phase, Task};
@@ -22,7 +24,13 @@ fn scenario(name: &str, task: &str) -> AdmittanceScenario {
     let task: toml::Table = task.parse().unwrap();
     let mut table: toml::Table = cell.parse().unwrap();
     table.insert("task".into(), task.into());
-    let set = ["duration_s=600.0".to_owned()];
+    // Without any noise, an axis across the approach reads the same for ever, as a stuck one does.
+    let set = [
+        "duration_s=600.0",
+        "plant.sensor.noise_n_per_sqrt_hz=0.0002",
+        "plant.sensor.noise_nm_per_sqrt_hz=0.00001",
+    ]
+    .map(str::to_owned);
     let none = |_: &str| Err(FileError::new("no file"));
     AdmittanceScenario::parse(&file, &table.to_string(), &set, &none).unwrap()
 }
@@ -264,4 +272,64 @@ fn rings_of_a_mesh_that_is_displaced_and_tilted_cover_every_surface() {
 #[test]
 fn spirals_of_the_true_mesh_cover_every_surface() {
     covers(Pattern::Spiral, false);
+}
+
+/// Issue 17, section 2: a force that varies along a stroke, and along a whole path.
+#[test]
+fn a_force_profile_is_followed_along_a_stroke_and_along_the_path() {
+    const PLACES: [[f64; 2]; 3] = [[0.0, 3.0], [0.04, 8.0], [0.08, 4.0]];
+    let wanted = |way_m: f64| {
+        if way_m < 0.04 {
+            3.0 + 125.0 * way_m
+        } else {
+            8.0 - 100.0 * (way_m.min(0.08) - 0.04)
+        }
+    };
+    let stroke = "kind = \"strokes\"\nspeed_m_per_s = 0.02\n[[path.strokes]]\n\
+                  points_m = [[0.0, 0.0], [0.08, 0.0]]\n";
+    let tasks = [
+        format!(
+            "name = \"a\"\nforce.reference_n = 3.0\n[path]\n{stroke}force_profile = {PLACES:?}\n"
+        ),
+        format!(
+            "name = \"a\"\nforce.reference_n = 3.0\nforce.profile = {PLACES:?}\n[path]\n{stroke}"
+        ),
+    ];
+    for (name, task) in [("plane", &tasks[0]), ("pipe_ideal", &tasks[1])] {
+        let scenario = scenario(name, task);
+        let mut cell = AdmittanceLoop::new(&scenario).unwrap();
+        let (mut first, mut end) = (None, Phase::Idle);
+        let (mut squares, mut worst, mut count) = (0.0, 0.0_f64, 0.0);
+        while end.is_active() || end == Phase::Idle {
+            cell.step(&mut |c| {
+                end = c.output.phase;
+                if end != Phase::Slide {
+                    return;
+                }
+                let way_m = {
+                    let at = c.truth.base_from_tool.translation();
+                    (at - *first.get_or_insert(at)).norm()
+                };
+                let error_n = c.truth.wrench.force.dot(&c.truth.normal) - wanted(way_m);
+                squares += error_n * error_n;
+                worst = worst.max(error_n.abs());
+                count += 1.0;
+            });
+        }
+        let rmse_n = f64::sqrt(squares / count);
+        println!("{name}: force RMSE {rmse_n:.3} N, worst {worst:.2} N");
+        assert_eq!(end, Phase::Done, "{name}");
+        assert!(rmse_n < 0.5 && worst < 1.5, "{name}: {rmse_n} {worst}");
+    }
+    // A change that the reference does not follow is refused.
+    let steep = tasks[0].replace("0.02\n[[", "0.1\n[[");
+    let task: Task = steep.parse().unwrap();
+    let config = tangent_control::ControllerConfig::default();
+    let error = tangent_control::Program::new(&task, &config)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("12.5 N/s") && error.contains("8"), "{error}");
+    let both = tasks[0].replace("force_profile =", "force_n = 3.0\nforce_profile =");
+    let error = both.parse::<Task>().unwrap_err().to_string();
+    assert!(error.contains("path.strokes[0].force_n"), "{error}");
 }

@@ -1,5 +1,7 @@
 //! Regions of meshes whose exact answers are known.
 
+#![allow(clippy::unwrap_used)]
+
 use nalgebra::{Rotation3, Vector2, Vector3};
 use tangent_control::{Pattern, Task};
 use tangent_mechanics::{ModelData, Pose, Tip};

@@ -42,7 +42,8 @@ pub(crate) fn points_of(
             ];
             let at_rim = beside.into_iter().flatten().any(|(u, v)| {
                 let other = f64::from(depth_m[v * width + u]);
-                !((other - z).abs() <= RIM_SHARE * z)
+                let step = (other - z).abs();
+                step.is_nan() || step > RIM_SHARE * z
             });
             if (RANGE_M.0..RANGE_M.1).contains(&z) && !at_rim {
                 let [x, y] = intrinsics.ray(u as f64, v as f64);
