@@ -19,6 +19,7 @@ mod model;
 mod new_cell;
 mod output;
 mod page_teacher;
+mod region;
 mod report;
 mod reproduce;
 mod robot;
@@ -135,6 +136,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
             calibrate::payload(args, &config()?, json)
         }
         Command::Teach(args) => teach::run(args, &config()?, json),
+        Command::Region(args) => region::run(args, &config()?, json),
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Ui(args) => ui::run(args, config()?, json),
         Command::Topic(command) => topic::run(command, &config()?, json),

@@ -13,6 +13,7 @@ mod faults;
 mod keys;
 mod model;
 mod param;
+mod region;
 mod report;
 mod robot;
 mod run;
@@ -42,6 +43,7 @@ pub use faults::Faults;
 pub use keys::{KeysCommand, NewKeys};
 pub use model::ModelCommand;
 pub use param::ParamCommand;
+pub use region::{Region, RegionPattern};
 pub use report::Report;
 pub use robot::RobotCommand;
 pub use run::{Record, Run};
@@ -107,6 +109,9 @@ pub enum Command {
     /// Show a path by hand: the arm is guided, points and strokes are taken with keys, and a task
     /// file is written.
     Teach(Teach),
+    /// Make a task of a region of a mesh or a scan: strokes whose distances are measured along the
+    /// surface.
+    Region(Box<Region>),
     /// Read or set live parameters.
     #[command(subcommand)]
     Param(ParamCommand),
@@ -175,6 +180,7 @@ impl Command {
             | Self::Robot(_)
             | Self::Doctor(_) => true,
             Self::Up(_)
+            | Self::Region(_)
             | Self::Report(_)
             | Self::Keys(_)
             | Self::Evaluate(_)

@@ -61,9 +61,9 @@ pub use task::path::{
 pub use task::preflight;
 pub use task::profile::Profile;
 pub use task::program::{EstimatorName, EstimatorNames, Program};
-pub use task::region::{Pattern, Region};
+pub use task::region::{Pattern, Region, fill};
 pub use task::{
-    ApproachSpec, Direction, EndSpec, ForceSpec, PlaneSpec, StartSpec, SwitchingSpec, Task,
-    TimeoutSpec, Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
+    ApproachSpec, Direction, EndSpec, ExpectedSurface, ForceSpec, PlaneSpec, StartSpec,
+    SwitchingSpec, Task, TimeoutSpec, Tolerances, ToolAxis, ZeroAtLimit, ZeroSpec,
 };
 pub use verdict::Verdict;

@@ -26,6 +26,9 @@ pub fn refusals(
 ) -> Result<Vec<Refusal>, ControllerError> {
     if cell.controller.law == Law::HybridAdmittance {
         let config = Config::from_cell(cell, model.clone())?;
+        let mut task = task.clone();
+        task.complete(&cell.tool.tip.tip());
+        let task = &task;
         let program = Program::new(task, &config.control).map_err(ControllerError::Task)?;
         return of_arm(
             task,

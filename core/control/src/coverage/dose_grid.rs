@@ -2,13 +2,16 @@
 //!
 //! The force is spread evenly over a disk of the tip's radius, as in the map that viewers show. The
 //! rows of the grid are parallel to the rows of a raster. Coordinates are those of the path's
-//! plane: lengths along the surface.
+//! plane: lengths along the surface, or places over the plane if the task has an expected surface.
+//! Distances and areas are then those of the expected surface.
 
 use nalgebra::{Rotation2, Vector2};
 
 use super::rules::RoundRules;
 use crate::error::ControlError;
+use crate::task::ExpectedSurface;
 use crate::task::region::Region;
+use crate::task::region::polygon::nearest_in_space;
 
 /// Cells across the radius of the tip.
 const CELLS_PER_RADIUS: f64 = 5.0;
@@ -22,6 +25,9 @@ const PASS_SHARE: f64 = 0.8;
 const PASS_GAP_S: f64 = 0.5;
 /// A cell is reached from a stroke within this share of the radius.
 pub(super) const REACH_SHARE: f64 = 0.8;
+
+/// Distance between places of an edge that are taken from the expected surface, m.
+const EDGE_STEP_M: f64 = 0.004;
 
 /// A cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,6 +46,10 @@ pub(super) struct Cell {
     pub passes: u32,
     /// Time at which the tip was last here, s.
     last_s: f64,
+    /// Expected height over the plane, m.
+    height_m: f64,
+    /// Area of the expected surface over the cell's area.
+    stretch: f64,
 }
 
 /// The grid. Its cells are allocated once.
@@ -49,6 +59,8 @@ pub(super) struct DoseGrid {
     pub columns: usize,
     pub rows: usize,
     pub cell_m: f64,
+    /// Least width of the tip's disk in the path's plane, from its middle, m.
+    pub across_m: f64,
     radius_m: f64,
     low: Vector2<f64>,
     turn: Rotation2<f64>,
@@ -69,15 +81,37 @@ impl Areas {
     }
 }
 
+/// Greatest length along the expected surface per length in the plane, within a region.
+fn steepest(region: &Region, expected: Option<&ExpectedSurface>) -> f64 {
+    let Some(expected) = expected else {
+        return 1.0;
+    };
+    let polygon = region.polygon();
+    let low = Vector2::from(expected.corner_m);
+    let places = (0..expected.heights_m.len()).map(|index| {
+        let (i, j) = (index % expected.columns, index / expected.columns);
+        low + Vector2::new(i as f64, j as f64) * expected.cell_m
+    });
+    (places.filter(|place| polygon.contains(place)))
+        .map(|place| expected.slope(&place).norm().hypot(1.0))
+        .fold(1.0, f64::max)
+}
+
 impl DoseGrid {
     /// An empty grid of a region. Allocates.
-    pub fn new(region: &Region, radius_m: f64) -> Result<Self, ControlError> {
+    pub fn new(
+        region: &Region,
+        expected: Option<&ExpectedSurface>,
+        radius_m: f64,
+        key: &str,
+    ) -> Result<Self, ControlError> {
         let (polygon, within) = (
             region.polygon().turned(-region.angle_rad),
             region.within_margin().turned(-region.angle_rad),
         );
         let (low, high) = polygon.bounds();
-        let mut cell_m = radius_m / CELLS_PER_RADIUS;
+        let across_m = radius_m / steepest(region, expected);
+        let mut cell_m = across_m / CELLS_PER_RADIUS;
         let count = |cell_m: f64| {
             let along = |length: f64| (length / cell_m).ceil().max(1.0) as usize;
             (along(high.x - low.x), along(high.y - low.y))
@@ -85,14 +119,14 @@ impl DoseGrid {
         while count(cell_m).0.saturating_mul(count(cell_m).1) > CELLS_MAX {
             cell_m *= 1.1;
         }
-        if cell_m * CELLS_PER_RADIUS_MIN > radius_m {
+        if cell_m * CELLS_PER_RADIUS_MIN > across_m {
             let size = high - low;
             return Err(ControlError::range(
-                "path.outline_m",
+                format!("{key}.outline_m"),
                 format!("{:.3} m by {:.3} m", size.x, size.y),
                 &format!(
                     "with `coverage.radius_m` = {radius_m}, an area of at most {:.3} m²",
-                    CELLS_MAX as f64 * (radius_m / CELLS_PER_RADIUS_MIN).powi(2)
+                    CELLS_MAX as f64 * (across_m / CELLS_PER_RADIUS_MIN).powi(2)
                 ),
             ));
         }
@@ -102,6 +136,7 @@ impl DoseGrid {
             columns,
             rows,
             cell_m,
+            across_m,
             radius_m,
             low,
             turn: Rotation2::new(region.angle_rad),
@@ -111,6 +146,10 @@ impl DoseGrid {
             grid.cells[index].judged = polygon.contains(&middle);
             grid.cells[index].allowed = within.contains(&middle);
             grid.cells[index].last_s = f64::NEG_INFINITY;
+            grid.cells[index].stretch = 1.0;
+        }
+        if let Some(expected) = expected {
+            grid.expect(expected, region);
         }
         for index in 0..grid.cells.len() {
             grid.cells[index].reached_from = grid.nearest_allowed(index);
@@ -118,17 +157,41 @@ impl DoseGrid {
         Ok(grid)
     }
 
+    /// Takes heights, areas and the distances from the edges from the expected surface.
+    fn expect(&mut self, expected: &ExpectedSurface, region: &Region) {
+        let polygon = region.polygon();
+        let edges = polygon.edges_over(EDGE_STEP_M, |p| expected.height_m(p));
+        for index in 0..self.cells.len() {
+            let middle = self.middle(index);
+            let cell = &mut self.cells[index];
+            cell.height_m = expected.height_m(&middle);
+            cell.stretch = expected.slope(&middle).norm().hypot(1.0);
+            if cell.judged {
+                let place = middle.push(cell.height_m);
+                let away_m = nearest_in_space(&edges, &place);
+                cell.allowed = away_m >= region.margin_m;
+            }
+        }
+    }
+
     fn nearest_allowed(&self, index: usize) -> Option<u32> {
         let far = (REACH_SHARE * self.radius_m / self.cell_m).floor() as i64;
+        // Whole cells, in the plane and on a slope.
+        let far_m = far as f64 * self.cell_m * (1.0 + 1e-9);
         let (i, j) = self.place(index);
-        let away = |i: i64, j: i64| i * i + j * j;
+        let away_m = |di: i64, dj: i64, other: usize| {
+            let flat = Vector2::new(di as f64, dj as f64).norm() * self.cell_m;
+            flat.hypot(self.cells[other].height_m - self.cells[index].height_m)
+        };
         (-far..=far)
             .flat_map(|dj| (-far..=far).map(move |di| (di, dj)))
-            .filter(|(di, dj)| away(*di, *dj) <= far * far)
-            .filter_map(|(di, dj)| Some((away(di, dj), self.index(i + di, j + dj)?)))
-            .filter(|(_, index)| self.cells[*index].allowed)
-            .min()
-            .map(|(_, index)| index as u32)
+            .filter_map(|(di, dj)| {
+                let other = self.index(i + di, j + dj)?;
+                Some((away_m(di, dj, other), other))
+            })
+            .filter(|(away_m, other)| *away_m <= far_m && self.cells[*other].allowed)
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
+            .map(|(_, other)| other as u32)
     }
 
     /// Column and row of a cell.
@@ -158,18 +221,27 @@ impl DoseGrid {
         (at.x.floor() as i64, at.y.floor() as i64)
     }
 
-    /// Area of a cell, cm².
-    pub fn cell_cm2(&self) -> f64 {
-        self.cell_m * self.cell_m * 1e4
+    /// Area of the surface in a cell, cm².
+    pub fn cell_cm2(&self, index: usize) -> f64 {
+        self.cell_m * self.cell_m * 1e4 * self.cells[index].stretch
     }
 
     /// Dose in a cell, N*s/cm².
     pub fn dose(&self, index: usize) -> f64 {
-        self.cells[index].impulse_n_s / self.cell_cm2()
+        self.cells[index].impulse_n_s / self.cell_cm2(index)
     }
 
-    /// Adds the force of `dt_s` seconds at a point of the path's plane.
-    pub fn press(&mut self, at: &Vector2<f64>, force_n: f64, time_s: f64, dt_s: f64) {
+    /// Adds the force of `dt_s` seconds at a point of the path's plane, on a surface of this slope
+    /// over it.
+    pub fn press(
+        &mut self,
+        at: &Vector2<f64>,
+        slope: &Vector2<f64>,
+        force_n: f64,
+        time_s: f64,
+        dt_s: f64,
+    ) {
+        let slope = self.turn.inverse() * slope;
         let at = (self.turn.inverse() * at - self.low) / self.cell_m;
         if !(at.norm() < 1e6 && force_n > 0.0) {
             return;
@@ -177,7 +249,10 @@ impl DoseGrid {
         let r = self.radius_m / self.cell_m;
         let (i0, i1) = ((at.x - r).floor() as i64, (at.x + r).floor() as i64);
         let (j0, j1) = ((at.y - r).floor() as i64, (at.y + r).floor() as i64);
-        let away = |i: i64, j: i64| (Vector2::new(i as f64 + 0.5, j as f64 + 0.5) - at).norm();
+        let away = |i: i64, j: i64| {
+            let flat = Vector2::new(i as f64 + 0.5, j as f64 + 0.5) - at;
+            flat.norm().hypot(slope.dot(&flat))
+        };
         // A cell on the rim has a part of the force.
         let weight = |i: i64, j: i64| (r - away(i, j) + 0.5).clamp(0.0, 1.0);
         let mut sum = 0.0;
@@ -220,8 +295,8 @@ impl DoseGrid {
     /// Compares all cells with the band.
     pub fn judge(&self, rules: &RoundRules) -> Areas {
         let mut areas = Areas::default();
-        let cell_cm2 = self.cell_cm2();
         for index in 0..self.cells.len() {
+            let cell_cm2 = self.cell_cm2(index);
             if self.is_under(index, rules) {
                 areas.under += cell_cm2;
             } else if self.is_over(index, rules) {

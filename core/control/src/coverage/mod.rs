@@ -17,7 +17,7 @@ use nalgebra::Vector2;
 
 use crate::error::ControlError;
 use crate::task::Task;
-use crate::task::path::{Path, PathSpec};
+use crate::task::path::Path;
 use dose_grid::DoseGrid;
 use round::{Planner, STROKES_MAX};
 use rules::RoundRules;
@@ -48,27 +48,40 @@ impl Coverage {
     /// m/s², and jerk, m/s³.
     ///
     /// # Errors
-    /// The path is no region, or the region is too large or its margin too wide for the tip.
+    /// The path has no outline, the region is too large or its margin too wide for the tip, or the
+    /// tip is not known.
     pub(crate) fn new(
         task: &Task,
         path: &mut Path,
         bounds: (f64, f64),
     ) -> Result<Option<Self>, ControlError> {
-        let (Some(spec), PathSpec::Region(region)) = (&task.coverage, &task.path) else {
+        let Some(spec) = &task.coverage else {
             return Ok(None);
         };
+        let (region, key) = spec.region(&task.path)?;
+        let Some(radius_m) = spec.radius_m else {
+            return Err(ControlError::range(
+                "coverage.radius_m",
+                "not set, and the tool's tip does not give it",
+                "a radius, 0.001 to 0.1 m; or a flat, ring or soft tip with its radius in \
+                 `[tool.tip]` of the cell file",
+            ));
+        };
+        let expected = task.path.expected_surface();
+        let grid = DoseGrid::new(&region, expected, radius_m, key)?;
         // The paths of two rounds take turns.
         path.reserve(STROKES_MAX);
         Ok(Some(Self {
-            grid: DoseGrid::new(region, spec.radius_m)?,
             rules: RoundRules {
                 band: spec.dose_n_s_per_cm2,
                 passes: spec.passes.unwrap_or(0),
                 force_n: task.force.reference_n,
                 speed_m_per_s: region.speed_m_per_s,
-                radius_m: spec.radius_m,
+                radius_m,
+                across_m: grid.across_m,
                 bounds,
             },
+            grid,
             room: Path::with_room(STROKES_MAX, path.rise()),
             planner: None,
             shares: arrayvec::ArrayVec::new(),
@@ -78,8 +91,17 @@ impl Coverage {
     }
 
     /// Adds the force of one cycle with the tool at a point of the path's plane.
-    pub(crate) fn press(&mut self, in_plane: &Vector2<f64>, force_n: f64, time_s: f64, dt_s: f64) {
-        self.grid.press(in_plane, force_n, time_s, dt_s);
+    /// For a path that is drawn over the plane, `slope` is that of the surface there, m per m;
+    /// otherwise zero.
+    pub(crate) fn press(
+        &mut self,
+        in_plane: &Vector2<f64>,
+        slope: &Vector2<f64>,
+        force_n: f64,
+        time_s: f64,
+        dt_s: f64,
+    ) {
+        self.grid.press(in_plane, slope, force_n, time_s, dt_s);
     }
 
     /// The path of the round has ended, with the tool at `from`. Puts the strokes of the next round

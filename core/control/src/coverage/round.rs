@@ -109,6 +109,7 @@ impl Planner {
                 points: &points,
                 lifts,
                 force_n: None,
+                profile: &[],
                 speed_m_per_s,
                 pause_s: 0.0,
             },
@@ -143,7 +144,7 @@ fn is_allowed(grid: &DoseGrid, (i, j): (i64, i64)) -> bool {
 }
 
 fn half_width(grid: &DoseGrid, rules: &RoundRules) -> i64 {
-    ((ACROSS_SHARE * rules.radius_m / grid.cell_m).floor() as i64).max(1)
+    ((ACROSS_SHARE * rules.across_m / grid.cell_m).floor() as i64).max(1)
 }
 
 /// The stroke along an axis through a cell from which the tool may press. It moves to the middle of

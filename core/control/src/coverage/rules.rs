@@ -10,6 +10,8 @@ pub(super) struct RoundRules {
     pub force_n: f64,
     pub speed_m_per_s: f64,
     pub radius_m: f64,
+    /// Least width of the tip's disk in the path's plane, from its middle, m.
+    pub across_m: f64,
     /// Bounds of the acceleration, m/s², and jerk, m/s³.
     pub bounds: (f64, f64),
 }

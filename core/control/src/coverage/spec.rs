@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{ControlError, check_range};
-use crate::task::path::PathSpec;
+use crate::task::path::{PathSpec, SPEED_M_PER_S, default_lift, default_travel};
+use crate::task::region::{Pattern, Region};
 
 /// Most rounds.
 pub(super) const ROUNDS_MAX: u32 = 20;
@@ -15,8 +16,19 @@ const MARGIN_SHARE_MAX: f64 = 0.6;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CoverageSpec {
-    /// Radius of the tip's contact, m: the force counts as spread evenly over this disk.
-    pub radius_m: f64,
+    /// Radius of the tip's contact, m: the force counts as spread evenly over this disk. `None`:
+    /// that of the tool's tip, see [`Task::complete`](crate::Task::complete).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_m: Option<f64>,
+    /// Corners of the outline of what is judged, m, for a path of strokes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outline_m: Vec<[f64; 2]>,
+    /// Corners of each hole, m, for a path of strokes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub holes_m: Vec<Vec<[f64; 2]>>,
+    /// Distance of the tool's middle from every edge in further rounds, m, for a path of strokes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub margin_m: Option<f64>,
     /// Least and most dose of pressure, N*s/cm²; `None`: passes are counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dose_n_s_per_cm2: Option<[f64; 2]>,
@@ -42,7 +54,9 @@ fn default_rounds() -> u32 {
 impl CoverageSpec {
     /// Checks every number, and that the path is a region.
     pub(crate) fn check(&self, path: &PathSpec, learns: bool) -> Result<(), ControlError> {
-        check_range("coverage.radius_m", self.radius_m, 0.001, 0.1)?;
+        if let Some(radius_m) = self.radius_m {
+            check_range("coverage.radius_m", radius_m, 0.001, 0.1)?;
+        }
         check_range("coverage.share_min", self.share_min, 0.5, 1.0)?;
         let rounds = f64::from(self.rounds_max);
         check_range("coverage.rounds_max", rounds, 1.0, f64::from(ROUNDS_MAX))?;
@@ -63,22 +77,21 @@ impl CoverageSpec {
                 ));
             }
         }
-        let PathSpec::Region(region) = path else {
+        let (region, key) = self.region(path)?;
+        if let Some(margin_max_m) = self.radius_m.map(|r| MARGIN_SHARE_MAX * r)
+            && region.margin_m > margin_max_m
+        {
             return Err(ControlError::range(
-                "coverage",
-                "for a path that is no region",
-                "only `path.kind = \"region\"`",
-            ));
-        };
-        let margin_max_m = MARGIN_SHARE_MAX * self.radius_m;
-        if region.margin_m > margin_max_m {
-            return Err(ControlError::range(
-                "path.margin_m",
+                format!("{key}.margin_m"),
                 region.margin_m,
                 &format!(
                     "at most {margin_max_m:.4} with this `coverage.radius_m`: the edge is not reached"
                 ),
             ));
+        }
+        if key == "coverage" {
+            check_range("coverage.margin_m", region.margin_m, 0.0, 0.5)?;
+            region.check_shape(key)?;
         }
         if learns {
             return Err(ControlError::range(
@@ -88,5 +101,40 @@ impl CoverageSpec {
             ));
         }
         Ok(())
+    }
+
+    /// What is judged, and the table of its keys: the region of the path, or for strokes the
+    /// outline of `[coverage]`.
+    pub(super) fn region(&self, path: &PathSpec) -> Result<(Region, &'static str), ControlError> {
+        let own =
+            !(self.outline_m.is_empty() && self.holes_m.is_empty()) || self.margin_m.is_some();
+        match path {
+            PathSpec::Region(region) if !own => Ok((region.clone(), "path")),
+            PathSpec::Region(_) => Err(ControlError::range(
+                "coverage.outline_m",
+                "set",
+                "no `outline_m`, `holes_m` and `margin_m` beside those of `path.kind = \"region\"`",
+            )),
+            PathSpec::Strokes(strokes) if own => Ok((
+                Region {
+                    outline_m: self.outline_m.clone(),
+                    holes_m: self.holes_m.clone(),
+                    pattern: Pattern::Raster,
+                    spacing_m: 0.01,
+                    angle_rad: 0.0,
+                    margin_m: self.margin_m.unwrap_or(0.0),
+                    speed_m_per_s: strokes.speed_max_m_per_s().max(SPEED_M_PER_S.0),
+                    pause_s: 0.0,
+                    lift_m: default_lift(),
+                    travel_speed_m_per_s: default_travel(),
+                },
+                "coverage",
+            )),
+            _ => Err(ControlError::range(
+                "coverage",
+                "for a path without an outline",
+                "`path.kind = \"region\"`, or `path.kind = \"strokes\"` with `coverage.outline_m`",
+            )),
+        }
     }
 }

@@ -3,6 +3,7 @@ use std::f64::consts::PI;
 use proptest::prelude::*;
 
 use super::*;
+use crate::PathSpec;
 
 const DT_S: f64 = 0.004;
 const FORCE_N: f64 = 5.0;
@@ -37,7 +38,13 @@ fn follow(coverage: &mut Coverage, path: &Path, time_s: &mut f64) -> Vector2<f64
             done += 1;
             continue;
         }
-        coverage.press(&path.at(t).position, FORCE_N, *time_s, DT_S);
+        coverage.press(
+            &path.at(t).position,
+            &Vector2::zeros(),
+            FORCE_N,
+            *time_s,
+            DT_S,
+        );
         t += DT_S;
         *time_s += DT_S;
     }
@@ -74,7 +81,13 @@ fn a_stroke_leaves_the_dose_of_the_closed_form() {
     let steps = (0.1 / speed / DT_S) as usize;
     for step in 0..steps {
         let x = step as f64 * DT_S * speed;
-        coverage.press(&Vector2::new(x, 0.03), FORCE_N, 0.0, DT_S);
+        coverage.press(
+            &Vector2::new(x, 0.03),
+            &Vector2::zeros(),
+            FORCE_N,
+            0.0,
+            DT_S,
+        );
     }
     let mut compared = 0;
     for ([x, y], dose) in coverage.cells() {
@@ -139,7 +152,7 @@ fn bad_coverage_is_refused() {
     fn of(task: &mut Task) -> &mut CoverageSpec {
         task.coverage.as_mut().unwrap()
     }
-    let error = spec(&|t| of(t).radius_m = f64::NAN);
+    let error = spec(&|t| of(t).radius_m = Some(f64::NAN));
     assert!(
         error.contains("`coverage.radius_m`") && error.contains("0.001 to 0.1"),
         "{error}"
@@ -153,7 +166,7 @@ fn bad_coverage_is_refused() {
     assert!(error.contains("neither"), "{error}");
     let error = spec(&|t| of(t).dose_n_s_per_cm2 = Some([2.0, 1.0]));
     assert!(error.contains("coverage.dose_n_s_per_cm2[1]"), "{error}");
-    let error = spec(&|t| of(t).radius_m = 0.004);
+    let error = spec(&|t| of(t).radius_m = Some(0.004));
     assert!(
         error.contains("`path.margin_m`") && error.contains("0.0024"),
         "{error}"
@@ -189,7 +202,7 @@ proptest! {
         let (mut coverage, mut path) = coverage(&task);
         let mut total = 0.0;
         for (x, y, force_n) in presses {
-            coverage.press(&Vector2::new(x, y), force_n, 0.0, 0.1);
+            coverage.press(&Vector2::new(x, y), &Vector2::zeros(), force_n, 0.0, 0.1);
             total += 0.1 * force_n;
         }
         let sum: f64 = coverage.grid.cells.iter().map(|cell| cell.impulse_n_s).sum();

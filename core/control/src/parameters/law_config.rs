@@ -30,4 +30,9 @@ pub trait LawConfig: Clone + Send + 'static {
 
     /// Bounds of the path's acceleration, m/s², and jerk, m/s³.
     fn path_bounds(&self) -> (f64, f64);
+
+    /// Fastest change of the pressing force that is followed, N/s.
+    fn force_rate_max_n_per_s(&self) -> f64 {
+        f64::INFINITY
+    }
 }

@@ -2,6 +2,7 @@
 //!
 //! Read from TOML by the `controller` service and by the scenarios of `evaluate`.
 
+mod expected_surface;
 pub mod path;
 pub mod preflight;
 pub mod profile;
@@ -14,6 +15,7 @@ use std::str::FromStr;
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use tangent_mechanics::Tip;
 
 use crate::coverage::CoverageSpec;
 use crate::error::{ControlError, check_range};
@@ -22,8 +24,10 @@ use crate::laws::hybrid_admittance::ControllerConfig;
 use crate::learning::LearningSpec;
 use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
-use crate::task::path::{PathSpec, Stay};
+use crate::task::path::{FORCE_N, PathSpec, Stay, check_force_profile};
 
+pub use expected_surface::ExpectedSurface;
+pub(crate) use expected_surface::normal_of;
 pub use start::StartSpec;
 pub use tolerances::Tolerances;
 
@@ -117,9 +121,7 @@ impl Task {
             switching: SwitchingSpec::default(),
             tare: false,
             zero: ZeroSpec::default(),
-            force: ForceSpec {
-                reference_n: 0.5 * force_max_n,
-            },
+            force: ForceSpec::constant(0.5 * force_max_n),
             approach: ApproachSpec::default(),
             path: PathSpec::Stay(Stay { duration_s: 1.0 }),
             plane: PlaneSpec::default(),
@@ -131,6 +133,18 @@ impl Task {
             start: None,
             home: None,
             only_leaves: true,
+        }
+    }
+
+    /// Fills in what the tool says: `coverage.radius_m`, if it is not given, is the radius of a
+    /// flat, ring or soft tip. The patch of a round tip is not known.
+    pub fn complete(&mut self, tip: &Tip) {
+        if let (
+            Some(coverage),
+            Tip::Flat { radius_m } | Tip::Ring { radius_m } | Tip::Soft { radius_m },
+        ) = (&mut self.coverage, tip)
+        {
+            coverage.radius_m.get_or_insert(*radius_m);
         }
     }
 
@@ -154,11 +168,25 @@ impl Task {
 }
 
 /// Pressing force.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ForceSpec {
     /// Pressing force along the normal, N, positive.
     pub reference_n: f64,
+    /// Force along the whole path instead: `[way in m, force in N]` each, linear between them,
+    /// constant beyond. Ways above the surface do not count.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub profile: Vec<[f64; 2]>,
+}
+
+impl ForceSpec {
+    /// The same force everywhere, N.
+    pub fn constant(reference_n: f64) -> Self {
+        Self {
+            reference_n,
+            profile: Vec::new(),
+        }
+    }
 }
 
 /// A direction: an axis of the tool where the task starts, or a vector in base axes.
@@ -406,7 +434,11 @@ impl Task {
         if let Some(error_n) = self.zero.error_max_n {
             check_range("zero.error_max_n", error_n, 0.005, 100.0)?;
         }
-        check_range("force.reference_n", self.force.reference_n, 0.5, 100.0)?;
+        let (least_n, most_n) = FORCE_N;
+        check_range("force.reference_n", self.force.reference_n, least_n, most_n)?;
+        if !self.force.profile.is_empty() {
+            check_force_profile("force.profile", &self.force.profile)?;
+        }
         let approach = &self.approach;
         approach.direction.check("approach.direction")?;
         check_range(

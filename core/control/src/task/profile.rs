@@ -56,6 +56,11 @@ impl Profile {
         }
     }
 
+    /// Highest speed, units of the length per s.
+    pub(crate) fn speed_max(&self) -> f64 {
+        self.speed_m_per_s
+    }
+
     /// Duration from start to end, s.
     pub fn duration_s(&self) -> f64 {
         2.0 * self.ramp_s + self.cruise_s

@@ -67,6 +67,21 @@ impl<C: LawConfig> Program<C> {
         config.check()?;
         let (acceleration, jerk) = config.path_bounds();
         let mut path = Path::new(&task.path, acceleration, jerk)?;
+        press_along_path(task, &mut path)?;
+        let (rate, most) = (
+            path.force_rate_max_n_per_s(),
+            config.force_rate_max_n_per_s(),
+        );
+        if rate > most {
+            return Err(ControlError::range(
+                "force profile",
+                format!("a change of {rate:.1} N/s at the speed of the path"),
+                &format!(
+                    "at most {most} N/s (`force.reference_rate_n_per_s` of the law): a slower path, \
+                     or a profile that is less steep"
+                ),
+            ));
+        }
         let mut estimators = EstimatorNames::new();
         for name in &task.estimators {
             estimators.push(
@@ -131,6 +146,23 @@ impl<C: LawConfig> Program<C> {
     }
 }
 
+/// Puts `force.profile` on the path.
+fn press_along_path(task: &Task, path: &mut Path) -> Result<(), ControlError> {
+    let profile = &task.force.profile;
+    if profile.is_empty() {
+        return Ok(());
+    }
+    if path.has_forces() {
+        return Err(ControlError::range(
+            "force.profile",
+            "set beside strokes with `force_n` or `force_profile`",
+            "one of them",
+        ));
+    }
+    path.press_along(profile);
+    Ok(())
+}
+
 /// Refuses strokes that the law cannot do.
 fn check_lifts<C: LawConfig>(task: &Task, path: &Path) -> Result<(), ControlError> {
     if C::LIFTS {
@@ -154,9 +186,17 @@ fn check_lifts<C: LawConfig>(task: &Task, path: &Path) -> Result<(), ControlErro
     if path.has_forces() {
         return Err(ControlError::range(
             "path.strokes",
-            "a list with `force_n`",
+            "a list with `force_n` or `force_profile`, or a task with `force.profile`",
             "strokes with the task's force with a torque-controlled arm: its laws press with one \
              force",
+        ));
+    }
+    if task.path.expected_surface().is_some() {
+        return Err(ControlError::range(
+            "path.surface",
+            "set",
+            "no expected surface with a torque-controlled arm: its laws follow lengths along the \
+             surface",
         ));
     }
     Ok(())

@@ -332,9 +332,7 @@ fn path(dice: &mut Dice, surface: SurfaceKind, length: f64, speed_m_per_s: f64) 
 
 fn task(force_n: f64, path: PathSpec, x_axis: Vector3<f64>) -> Task {
     Task {
-        force: ForceSpec {
-            reference_n: force_n,
-        },
+        force: ForceSpec::constant(force_n),
         path,
         plane: PlaneSpec {
             x_axis: Direction::Vector(x_axis.into()),

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use tangent_control::{ControllerConfig, EstimatorName, LawConfig, Program, Task};
+use tangent_mechanics::Tip;
 use tangent_runtime::{Bus, BusError, Latest};
 use tangent_schemas::tangent::NormalEstimate;
 use tangent_schemas::topics;
@@ -20,6 +21,8 @@ use crate::runner::Prepared;
 pub struct Normals {
     bus: Bus,
     config: ControllerConfig,
+    /// Tip of the cell's tool.
+    tip: Tip,
     check: StartCheck<6>,
     lessons: Arc<Lessons>,
     estimates: Mutex<Vec<(String, Latest<NormalEstimate>)>>,
@@ -36,6 +39,7 @@ impl Normals {
         Ok(Self {
             bus: bus.clone(),
             config: config.control,
+            tip: config.scene.mounted.tip,
             lessons: Arc::clone(lessons),
             check: StartCheck::new(
                 bus,
@@ -87,9 +91,9 @@ impl Kind for Normals {
     type Program = Prepared<ControllerConfig>;
 
     fn prepare(&self, text: &str) -> Result<(String, Prepared<ControllerConfig>), TaskRefusal> {
-        let mut program = text
-            .parse::<Task>()
-            .and_then(|task| Program::new(&task, &self.config))?;
+        let mut task: Task = text.parse()?;
+        task.complete(&self.tip);
+        let mut program = Program::new(&task, &self.config)?;
         let task = &program.task;
         self.check.task(task, &program.path)?;
         self.check

@@ -120,7 +120,8 @@ pub(super) fn surface(run: &Run, task: &TaskRun<'_>) -> String {
         .as_ref()
         .and_then(|coverage| coverage.dose_n_s_per_cm2)
         .or_else(|| cell_file.and_then(|cell| cell.ui.dose_band_n_s_per_cm2));
-    let radius_m = coverage.map_or_else(|| cover_radius_m(&tip), |coverage| coverage.radius_m);
+    let radius_m =
+        (coverage.and_then(|coverage| coverage.radius_m)).unwrap_or_else(|| cover_radius_m(&tip));
     let map = dose(task, &tip, radius_m);
     let stride = sliding.len().div_ceil(PATH_POINTS);
     let shown: Vec<&Cycle<'_>> = sliding.iter().step_by(stride).copied().collect();

@@ -1,13 +1,14 @@
 //! Travels from one stroke to the next above the surface: off along the normal, over to the start
 //! of the next stroke, and back by phase `seek`.
 //!
-//! The route bends away from the surface as far as the normals at its ends ask for. A touch on the
-//! way leads further off. Called by the phase machine and the motion of phase `lift`.
+//! The route bends away from the surface as far as the normals at its ends, and the expected surface
+//! of the task, ask for. A touch on the way leads further off. Called by the phase machine and the motion of phase `lift`.
 
 use nalgebra::{UnitVector3, Vector3};
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
 
 use super::config::ControllerConfig;
+use super::landing::Expected;
 use super::percept::Percept;
 use super::run::Run;
 use super::surface::Surface;
@@ -32,6 +33,10 @@ const ARRIVED_RAD: f64 = 0.03;
 const ASTRAY_M: f64 = 0.004;
 /// Longest wait at the end of a route, s.
 const SETTLE_MAX_S: f64 = 3.0;
+/// Places of a route that are compared with the expected surface, and its highest middle above the
+/// chord, m.
+const ROUTE_STEPS: u32 = 16;
+const BULGE_MAX_M: f64 = 0.15;
 /// Touches on one way that lead further off; the next one ends the task.
 const CLIMBS_MAX: u32 = 3;
 
@@ -198,7 +203,21 @@ impl Run {
                 (from - from_normal * height + way, from_normal)
             }
         };
-        self.lift.knows_landing = felt.is_some();
+        let knows_landing = felt.is_some();
+        let expected = program.task.path.expected_surface().zip(chart);
+        let expected = expected.map(|(surface, chart)| {
+            let at = self.lift.from;
+            (Expected::new(surface, chart, &self.tracking, &at), chart)
+        });
+        let (lands, to_normal) = match &expected {
+            None => (lands, to_normal),
+            Some((expected, chart)) => {
+                let height_m = expected.height_near_m(&lift.to, chart, &self.tracking);
+                let place = self.tracking.place_over(&lift.to, height_m);
+                (place, expected.normal(&lift.to, &self.tracking))
+            }
+        };
+        self.lift.knows_landing = knows_landing;
         let to = lands + to_normal * rise.lift_m;
         let way_m = (to - from).norm();
         let turn_rad = angle_between(&from_normal, &to_normal);
@@ -209,6 +228,10 @@ impl Run {
         } else {
             0.0
         };
+        let bulge_m = match &expected {
+            None => arc_m,
+            Some((expected, _)) => arc_m.max(self.bulge_over_m(expected, &from, &to, rise.lift_m)),
+        };
         let bounds = &config.path;
         let length_m = way_m.max(1e-4);
         let speed = (rise.speed_m_per_s / length_m)
@@ -218,7 +241,7 @@ impl Run {
             to,
             from_normal,
             to_normal,
-            bulge_m: arc_m + f64::from(self.lift.climbs) * rise.lift_m,
+            bulge_m: bulge_m + f64::from(self.lift.climbs) * rise.lift_m,
             lands,
             // Over a share of the route, 0 to 1.
             profile: Profile::new(
@@ -229,6 +252,25 @@ impl Run {
             ),
             time_s: 0.0,
         });
+    }
+
+    /// Height of the middle of a route above its chord, m, at which it passes `lift_m` above the
+    /// expected surface.
+    fn bulge_over_m(
+        &self,
+        expected: &Expected<'_>,
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+        lift_m: f64,
+    ) -> f64 {
+        let needed = (1..ROUTE_STEPS).map(|step| {
+            let share = f64::from(step) / f64::from(ROUTE_STEPS);
+            let on_chord = from.lerp(to, share);
+            let height_m = expected.height_m(&self.tracking.over(&on_chord));
+            let above_m = self.tracking.height_m(&on_chord) - height_m;
+            (lift_m - above_m) / (4.0 * share * (1.0 - share))
+        });
+        needed.fold(0.0, f64::max).min(BULGE_MAX_M)
     }
 
     /// Records what a sliding tool feels of the surface, for the way back to it.

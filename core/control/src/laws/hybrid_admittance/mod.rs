@@ -16,6 +16,7 @@ pub mod force_law;
 mod free_noise;
 mod interface;
 pub mod joint_velocity;
+mod landing;
 mod leaving;
 mod lift;
 pub mod loop_delay;

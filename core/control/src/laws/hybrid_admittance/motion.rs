@@ -284,9 +284,14 @@ fn along_path(
                 .exploration
                 .step(&config.pace, bend_m, deviation, speed, dt_s)
             {
-                return run
-                    .tracking
-                    .step_aside(&config.path, step, position, &normal, dt_s);
+                return run.tracking.step_aside(
+                    &config.path,
+                    &program.path,
+                    step,
+                    position,
+                    &normal,
+                    dt_s,
+                );
             }
         }
         if let Some(along) = run.tracking.direction(&program.path, &normal) {

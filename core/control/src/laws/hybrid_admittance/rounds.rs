@@ -42,7 +42,8 @@ impl Run {
             let in_plane =
                 self.tracking
                     .in_plane(&program.path, &percept.position, &self.surface.normal);
-            coverage.press(&in_plane, force_n, self.elapsed_s, dt_s);
+            let slope = self.tracking.slope(&self.surface.normal);
+            coverage.press(&in_plane, &slope, force_n, self.elapsed_s, dt_s);
         }
     }
 }

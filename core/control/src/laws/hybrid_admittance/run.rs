@@ -195,7 +195,8 @@ impl Run {
             -self.approach,
             task.plane.x_axis.in_base(pose),
             pose.translation(),
-        );
+        )
+        .drawn_over_plane(task.path.expected_surface().is_some());
         self.surface = Surface::new(-pose.z_axis());
         self.force = ForceLaw::new(stiffness_expected(program, config));
         self.phase_start = pose.translation();

@@ -75,6 +75,11 @@ impl SurfaceChart {
         }
     }
 
+    /// All felt places.
+    pub(crate) fn felt(&self) -> impl Iterator<Item = &Felt> + '_ {
+        self.cells.iter().flatten()
+    }
+
     /// The felt place nearest to a point of the plane; `None` if none is within `far_m`.
     pub(crate) fn nearest(&self, in_plane: &Vector2<f64>, far_m: f64) -> Option<&Felt> {
         let away = |felt: &Felt| (felt.in_plane - in_plane).norm_squared();

@@ -3,7 +3,9 @@
 //! The path's plane is perpendicular to the approach direction. Each cycle the path velocity is
 //! rotated from the plane into the tangent plane of the surface by the smallest rotation, so a
 //! metre of path is a metre on the surface however steep it gets, and the reference point moves
-//! with it. The position error is fed back in the tangent plane. The path runs on its own clock:
+//! with it. A path with an expected surface is drawn over the plane instead: each point is the place
+//! of the surface above or below it, and the clock is slower where the surface is steep, so that the
+//! speed along the surface is the path's. The position error is fed back in the tangent plane. The path runs on its own clock:
 //! pause, speed, a lagging arm and a lost contact slow or stop the clock, and the path continues
 //! from the same point.
 
@@ -17,6 +19,8 @@ use crate::task::path::{Lift, Path};
 /// Time ahead on the path's own clock at which its direction is taken, s: before a corner the path
 /// slows down for the direction after it.
 const AHEAD_S: f64 = 0.1;
+/// Least cosine of the angle between the surface and the plane over which a path is drawn.
+const COSINE_MIN: f64 = 0.2;
 
 /// Runs a path on a surface. Its state is the clock and the reference point.
 #[derive(Clone, Copy, Debug)]
@@ -24,6 +28,10 @@ pub struct Tracking {
     x_axis: Vector3<f64>,
     y_axis: Vector3<f64>,
     plane_normal: Vector3<f64>,
+    /// Whether points of the path are places over the plane instead of lengths along the surface.
+    over_plane: bool,
+    /// Place of the path's origin, m; base axes.
+    origin: Vector3<f64>,
     clock_s: f64,
     clock_rate: f64,
     waiting: bool,
@@ -44,6 +52,8 @@ impl Tracking {
             x_axis,
             y_axis,
             plane_normal,
+            over_plane: false,
+            origin: start,
             clock_s: 0.0,
             clock_rate: 0.0,
             waiting: false,
@@ -53,9 +63,15 @@ impl Tracking {
         }
     }
 
+    /// The same, for a path that is drawn over the plane if `over_plane`.
+    pub(crate) fn drawn_over_plane(self, over_plane: bool) -> Self {
+        Self { over_plane, ..self }
+    }
+
     /// Sets the path's start: where the tool touched down.
     pub fn begin_at(&mut self, start: Vector3<f64>) {
         self.reference = start;
+        self.origin = start;
         self.restart();
     }
 
@@ -96,13 +112,69 @@ impl Tracking {
         position: &Vector3<f64>,
         normal: &Vector3<f64>,
     ) -> Vector2<f64> {
+        if self.over_plane {
+            return self.flat(&(position - self.origin));
+        }
         let off = tangential(&(position - self.reference), normal);
         let flat = match UnitQuaternion::rotation_between(normal, &self.plane_normal) {
             Some(rotation) => rotation * off,
             None => Vector3::zeros(),
         };
-        let off = Vector2::new(flat.dot(&self.x_axis), flat.dot(&self.y_axis));
-        path.at(self.clock_s).position + self.aside + off
+        path.at(self.clock_s).position + self.aside + self.flat(&flat)
+    }
+
+    fn flat(&self, v: &Vector3<f64>) -> Vector2<f64> {
+        Vector2::new(v.dot(&self.x_axis), v.dot(&self.y_axis))
+    }
+
+    /// Point of the path's plane below or above a place, for a path drawn over the plane, m.
+    pub(crate) fn over(&self, position: &Vector3<f64>) -> Vector2<f64> {
+        self.flat(&(position - self.origin))
+    }
+
+    /// Height of a place over the path's plane, m.
+    pub(crate) fn height_m(&self, position: &Vector3<f64>) -> f64 {
+        (position - self.origin).dot(&self.plane_normal)
+    }
+
+    /// Place of the surface at a point of the plane and a height over it, m.
+    pub(crate) fn place_over(&self, in_plane: &Vector2<f64>, height_m: f64) -> Vector3<f64> {
+        self.origin
+            + self.x_axis * in_plane.x
+            + self.y_axis * in_plane.y
+            + self.plane_normal * height_m
+    }
+
+    /// A direction in axes of the plane, in base axes.
+    pub(crate) fn in_base(&self, v: &Vector3<f64>) -> Vector3<f64> {
+        self.x_axis * v.x + self.y_axis * v.y + self.plane_normal * v.z
+    }
+
+    /// Slope of a surface with this normal over the plane, m per m; zero for a path whose points
+    /// are lengths along the surface.
+    pub(crate) fn slope(&self, normal: &Vector3<f64>) -> Vector2<f64> {
+        if !self.over_plane {
+            return Vector2::zeros();
+        }
+        -self.flat(normal) / normal.dot(&self.plane_normal).max(COSINE_MIN)
+    }
+
+    /// Length along the surface per length of the path in a direction of the plane.
+    fn stretch(&self, along: &Vector2<f64>, normal: &Vector3<f64>) -> f64 {
+        let length = along.norm();
+        if !self.over_plane || length < 1e-12 {
+            return 1.0;
+        }
+        self.on_surface(*along, normal).norm() / length
+    }
+
+    /// Vector from a tool at `position` to the reference, in the tangent plane, m.
+    fn error(&self, path: &Path, position: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
+        if !self.over_plane {
+            return tangential(&(self.reference - position), normal);
+        }
+        let wanted = path.at(self.clock_s).position + self.aside;
+        self.on_surface(wanted - self.flat(&(position - self.origin)), normal)
     }
 
     /// Stops the clock at once, after a loss of contact.
@@ -123,14 +195,15 @@ impl Tracking {
     ) -> Vector3<f64> {
         // The reference is projected into the tangent plane through the tool: the normal direction
         // is force-controlled.
-        let error = tangential(&(self.reference - position), normal);
+        let error = self.error(path, position, normal);
         let waiting = (2.0 - error.norm() / config.wait_error_m).clamp(0.0, 1.0);
         self.waiting = waiting <= 0.0 && speed_factor > 0.0;
         let step = dt_s / config.clock_ramp_s;
         self.clock_rate += (speed_factor - self.clock_rate).clamp(-step, step);
-        let before = path.at(self.clock_s).position;
-        self.clock_s = (self.clock_s + self.clock_rate * waiting * dt_s)
-            .min(path.slides_until_s(self.lifts_done));
+        let now = path.at(self.clock_s);
+        let before = now.position;
+        let rate = self.clock_rate * waiting / self.stretch(&now.velocity, normal);
+        self.clock_s = (self.clock_s + rate * dt_s).min(path.slides_until_s(self.lifts_done));
         self.moved_by(
             config,
             path.at(self.clock_s).position - before,
@@ -142,18 +215,20 @@ impl Tracking {
     }
 
     /// Like [`Tracking::step`], with the path's clock standing and the reference displaced by
-    /// `in_plane` (m, axes of the path's plane).
+    /// `on_surface` (m along the surface, axes of the path's plane).
     pub fn step_aside(
         &mut self,
         config: &PathConfig,
-        in_plane: Vector2<f64>,
+        path: &Path,
+        on_surface: Vector2<f64>,
         position: &Vector3<f64>,
         normal: &Vector3<f64>,
         dt_s: f64,
     ) -> Vector3<f64> {
         self.clock_rate = 0.0;
+        let error = self.error(path, position, normal);
+        let in_plane = on_surface / self.stretch(&on_surface, normal);
         self.aside += in_plane;
-        let error = tangential(&(self.reference - position), normal);
         self.moved_by(config, in_plane, position, error, normal, dt_s)
     }
 
@@ -181,9 +256,12 @@ impl Tracking {
         way / dt_s + clamp_norm(error * config.gain_per_s, config.feedback_speed_max_m_per_s)
     }
 
-    /// Rotates a vector of the plane into the tangent plane of `normal`; base axes.
+    /// Brings a vector of the plane into the tangent plane of `normal`; base axes.
     pub(crate) fn on_surface(&self, in_plane: Vector2<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
         let flat = self.x_axis * in_plane.x + self.y_axis * in_plane.y;
+        if self.over_plane {
+            return flat + self.plane_normal * self.slope(normal).dot(&in_plane);
+        }
         match UnitQuaternion::rotation_between(&self.plane_normal, normal) {
             Some(rotation) => rotation * flat,
             // Opposite normals: no unique smallest rotation. Stand still.

@@ -7,8 +7,9 @@
 use nalgebra::Vector2;
 
 use super::chain::{TURN_MAX_RAD, turn_rad, turn_speed_m_per_s};
+use super::force_profile::{force_at, steepest_n_per_m};
 use super::strokes::{Strokes, default_lift, default_travel};
-use super::{Path, Shape};
+use super::{Path, Pressing, Shape, Stretch};
 use crate::error::ControlError;
 use crate::task::profile::Profile;
 use crate::task::region::Region;
@@ -56,6 +57,8 @@ pub(crate) struct StrokeWay<'a> {
     pub lifts: bool,
     /// Pressing force, N; `None`: the task's.
     pub force_n: Option<f64>,
+    /// Force along the stroke, m and N; empty: `force_n`.
+    pub profile: &'a [[f64; 2]],
     pub speed_m_per_s: f64,
     /// Pause at sharp corners and at the end, s.
     pub pause_s: f64,
@@ -71,7 +74,7 @@ impl Path {
     pub fn has_forces(&self) -> bool {
         self.stretches
             .iter()
-            .any(|stretch| stretch.force_n.is_some())
+            .any(|stretch| stretch.pressing != Pressing::OfTask)
     }
 
     /// The lift after `done` others.
@@ -90,17 +93,70 @@ impl Path {
         self.rise
     }
 
-    /// Pressing force at `time_s`, N; `None`: the task's.
+    /// Pressing force at `time_s`, N: of its stroke, or of a profile there. `None`: the task's.
     pub(crate) fn force_n(&self, time_s: f64) -> Option<f64> {
         let index = (self.stretches).partition_point(|stretch| stretch.start_s <= time_s);
         let stretch = self.stretches.get(index.checked_sub(1)?)?;
-        stretch.force_n
+        match stretch.pressing {
+            Pressing::OfTask => None,
+            Pressing::Constant(force_n) => Some(force_n),
+            Pressing::Profile {
+                first,
+                count,
+                offset_m,
+            } => {
+                let (distance, _) = stretch.profile.at(time_s - stretch.start_s);
+                let way_m = offset_m + distance * stretch.shape.metres_per_unit();
+                force_at(&self.profiles[first..first + count], way_m)
+            }
+        }
+    }
+
+    /// Gives the whole path a force that varies along it. `profile` counts the ways on the surface,
+    /// without those above it.
+    pub(crate) fn press_along(&mut self, profile: &[[f64; 2]]) {
+        let first = self.profiles.len();
+        self.profiles.extend_from_slice(profile);
+        let lifts = &self.lifts;
+        let above = |stretch: &Stretch| {
+            let after = lifts.partition_point(|lift| lift.start_s <= stretch.start_s);
+            let lift = after.checked_sub(1).and_then(|k| lifts.get(k));
+            lift.is_some_and(|lift| stretch.start_s < lift.end_s)
+        };
+        let mut offset_m = 0.0;
+        for stretch in &mut self.stretches {
+            stretch.pressing = Pressing::Profile {
+                first,
+                count: profile.len(),
+                offset_m,
+            };
+            if !above(stretch) {
+                offset_m += stretch.length_m();
+            }
+        }
+    }
+
+    /// Fastest change of a force profile at the speed of the path, N/s.
+    pub(crate) fn force_rate_max_n_per_s(&self) -> f64 {
+        let rate = |stretch: &Stretch| match stretch.pressing {
+            Pressing::OfTask | Pressing::Constant(_) => 0.0,
+            Pressing::Profile { first, count, .. } => {
+                let profile = &self.profiles[first..first + count];
+                let speed = stretch.profile.speed_max() * stretch.shape.metres_per_unit();
+                steepest_n_per_m(profile) * speed
+            }
+        };
+        self.stretches.iter().map(rate).fold(0.0, f64::max)
     }
 
     /// Highest pressing force of a stroke, N; `None` if no stroke has its own.
     pub fn force_max_n(&self) -> Option<f64> {
-        let forces = self.stretches.iter().filter_map(|stretch| stretch.force_n);
-        forces.max_by(f64::total_cmp)
+        let constant = self.stretches.iter().filter_map(|s| match s.pressing {
+            Pressing::Constant(force_n) => Some(force_n),
+            Pressing::OfTask | Pressing::Profile { .. } => None,
+        });
+        let along = self.profiles.iter().map(|[_, force_n]| *force_n);
+        constant.chain(along).max_by(f64::total_cmp)
     }
 
     pub(super) fn strokes(&mut self, spec: &Strokes, bounds: (f64, f64)) {
@@ -115,6 +171,7 @@ impl Path {
                 points: &points,
                 lifts: Strokes::lifts(&from, &points[0]),
                 force_n: stroke.force_n,
+                profile: &stroke.force_profile,
                 speed_m_per_s: stroke.speed_m_per_s.unwrap_or(spec.speed_m_per_s),
                 pause_s: spec.pause_s,
             };
@@ -137,6 +194,7 @@ impl Path {
                 points: &stroke.points,
                 lifts: stroke.lifts,
                 force_n: None,
+                profile: &[],
                 speed_m_per_s: region.speed_m_per_s,
                 pause_s: region.pause_s,
             };
@@ -167,6 +225,9 @@ impl Path {
             self.straight(from, first, way.speed_m_per_s, bounds);
             self.press_with(before, way.force_n);
         }
+        let place = self.profiles.len();
+        self.profiles.extend_from_slice(way.profile);
+        let mut way_m = 0.0;
         // Chains end at sharp corners.
         let mut begin = 0;
         while begin + 1 < way.points.len() {
@@ -181,6 +242,16 @@ impl Path {
             let before = self.stretches.len();
             self.chain(&way.points[begin..=end], way.speed_m_per_s, bounds);
             self.press_with(before, way.force_n);
+            for stretch in &mut self.stretches[before..] {
+                if !way.profile.is_empty() {
+                    stretch.pressing = Pressing::Profile {
+                        first: place,
+                        count: way.profile.len(),
+                        offset_m: way_m,
+                    };
+                }
+                way_m += stretch.length_m();
+            }
             self.duration_s += way.pause_s;
             begin = end;
         }
@@ -190,7 +261,7 @@ impl Path {
     /// Sets the force of the stretches from the index `first`.
     fn press_with(&mut self, first: usize, force_n: Option<f64>) {
         for stretch in &mut self.stretches[first..] {
-            stretch.force_n = force_n;
+            stretch.pressing = force_n.map_or(Pressing::OfTask, Pressing::Constant);
         }
     }
 
@@ -228,6 +299,7 @@ impl Path {
             stretches: Vec::new(),
             points: Vec::new(),
             lifts: Vec::new(),
+            profiles: Vec::new(),
             rise,
             duration_s: 0.0,
         };
@@ -249,6 +321,7 @@ impl Path {
         self.stretches.clear();
         self.points.clear();
         self.lifts.clear();
+        self.profiles.clear();
         self.duration_s = 0.0;
     }
 }

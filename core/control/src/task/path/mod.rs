@@ -4,6 +4,7 @@
 //! The controller maps the plane to the surface: see `tracking`.
 
 mod chain;
+mod force_profile;
 mod lifts;
 mod places;
 mod spec;
@@ -14,6 +15,7 @@ use nalgebra::Vector2;
 use crate::error::ControlError;
 use crate::task::profile::Profile;
 
+pub(crate) use force_profile::{FORCE_N, check_force_profile};
 pub(crate) use lifts::{Lift, Rise, StrokeWay};
 pub use places::PathPlace;
 pub use spec::{Circle, Line, PathSpec, Raster, Stay, Waypoints};
@@ -48,8 +50,23 @@ struct Stretch {
     start_s: f64,
     shape: Shape,
     profile: Profile,
-    /// Pressing force, N; `None`: the task's.
-    force_n: Option<f64>,
+    pressing: Pressing,
+}
+
+/// Pressing force of a stretch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Pressing {
+    /// The task's.
+    OfTask,
+    /// N.
+    Constant(f64),
+    /// `count` places of the path's profiles from `first`; the stretch begins `offset_m` along
+    /// them.
+    Profile {
+        first: usize,
+        count: usize,
+        offset_m: f64,
+    },
 }
 
 /// A path with its time law; made once, then read every cycle.
@@ -74,6 +91,8 @@ pub struct Path {
     /// Points of chains, and the way to each from the first of its chain, m.
     points: Vec<(Vector2<f64>, f64)>,
     lifts: Vec<Lift>,
+    /// Places of force profiles: way, m, and force, N.
+    profiles: Vec<[f64; 2]>,
     rise: Rise,
     duration_s: f64,
 }
@@ -99,6 +118,7 @@ impl Path {
             stretches: Vec::new(),
             points: Vec::new(),
             lifts: Vec::new(),
+            profiles: Vec::new(),
             rise: Rise::default(),
             duration_s: 0.0,
         };
@@ -212,7 +232,7 @@ impl Path {
             start_s: self.duration_s,
             shape,
             profile,
-            force_n: None,
+            pressing: Pressing::OfTask,
         });
         self.duration_s += profile.duration_s();
     }
@@ -220,8 +240,7 @@ impl Path {
     /// Lengths of the strokes, m: the parts of the path that start and end at rest. For `loops`,
     /// that of a tool at the highest speed of the policy.
     pub fn stroke_lengths_m(&self) -> impl Iterator<Item = f64> + '_ {
-        let length_m = |s: &Stretch| s.profile.at(f64::INFINITY).0 * s.shape.metres_per_unit();
-        self.stretches.iter().map(length_m)
+        self.stretches.iter().map(Stretch::length_m)
     }
 
     /// Index of the stroke at `time_s`, and the distance along it, m; `None` before the first one.
@@ -253,6 +272,13 @@ impl Path {
         };
         let (distance, speed) = stretch.profile.at(time_s - stretch.start_s);
         stretch.shape.at(&self.points, distance, speed)
+    }
+}
+
+impl Stretch {
+    /// Length, m.
+    fn length_m(&self) -> f64 {
+        self.profile.at(f64::INFINITY).0 * self.shape.metres_per_unit()
     }
 }
 

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::strokes::Strokes;
 use crate::error::{ControlError, check_range};
+use crate::task::ExpectedSurface;
 use crate::task::region::Region;
 
 /// A path specified in a task file, chosen by `kind`.
@@ -214,6 +215,14 @@ impl PathSpec {
             Self::Stay(s) => check_range("path.duration_s", s.duration_s, 0.0, 86_400.0),
             Self::Strokes(s) => s.check(),
             Self::Region(r) => r.check(),
+        }
+    }
+
+    /// Expected shape of the surface. With it, points of the path are places over its plane.
+    pub fn expected_surface(&self) -> Option<&ExpectedSurface> {
+        match self {
+            Self::Strokes(s) => s.surface.as_ref(),
+            _ => None,
         }
     }
 

@@ -3,8 +3,10 @@
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use super::force_profile::{FORCE_N, check_force_profile};
 use super::spec::{PAUSE_S, SPEED_M_PER_S, check_point};
 use crate::error::{ControlError, check_range};
+use crate::task::ExpectedSurface;
 
 /// Smallest and largest height of the tool above the surface between strokes, m. A lost surface is
 /// searched for over a little more than the largest.
@@ -39,6 +41,10 @@ pub struct Strokes {
     /// Speed above the surface, m/s.
     #[serde(default = "default_travel")]
     pub travel_speed_m_per_s: f64,
+    /// Expected shape of the surface; with it, points are places over the plane instead of lengths
+    /// along the surface.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface: Option<ExpectedSurface>,
 }
 
 /// One stroke.
@@ -50,6 +56,10 @@ pub struct StrokeSpec {
     /// Pressing force, N; `None`: the task's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub force_n: Option<f64>,
+    /// Pressing force along the stroke instead of `force_n`: `[way in m, force in N]` each, linear
+    /// between them, constant beyond.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub force_profile: Vec<[f64; 2]>,
     /// Speed, m/s; `None`: that of the path.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_m_per_s: Option<f64>,
@@ -88,11 +98,21 @@ impl Strokes {
                 check_point(&key("points_m"), point)?;
             }
             if let Some(force_n) = stroke.force_n {
-                check_range(&key("force_n"), force_n, 0.5, 100.0)?;
+                check_range(&key("force_n"), force_n, FORCE_N.0, FORCE_N.1)?;
+                if !stroke.force_profile.is_empty() {
+                    let allowed = "`force_n` or `force_profile`, not both";
+                    return Err(ControlError::range(key("force_n"), force_n, allowed));
+                }
+            }
+            if !stroke.force_profile.is_empty() {
+                check_force_profile(&key("force_profile"), &stroke.force_profile)?;
             }
             if let Some(v) = stroke.speed_m_per_s {
                 speed(&key("speed_m_per_s"), v)?;
             }
+        }
+        if let Some(surface) = &self.surface {
+            surface.check(self.strokes.iter().flat_map(|stroke| &stroke.points_m))?;
         }
         check_range("path.pause_s", self.pause_s, PAUSE_S.0, PAUSE_S.1)?;
         check_range("path.lift_m", self.lift_m, LIFT_M.0, LIFT_M.1)?;
@@ -101,7 +121,7 @@ impl Strokes {
     }
 
     /// The highest speed of a stroke, m/s.
-    pub(super) fn speed_max_m_per_s(&self) -> f64 {
+    pub(crate) fn speed_max_m_per_s(&self) -> f64 {
         let of = |stroke: &StrokeSpec| stroke.speed_m_per_s.unwrap_or(self.speed_m_per_s);
         self.strokes.iter().map(of).fold(0.0, f64::max)
     }

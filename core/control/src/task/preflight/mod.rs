@@ -1,5 +1,6 @@
 //! Checks a task against the cell before anything moves: its force and speeds against the limits,
-//! its start pose and its whole path against the workspace and the arm's reach. Each refusal states
+//! its start pose and its whole path against the workspace and the arm's reach, on the expected
+//! surface if the task has one, else on a plane. Each refusal states
 //! the number, the limit and the place.
 //!
 //! Called by the controller service before a task is started, and by `tangent up` and `tangent
@@ -8,7 +9,7 @@
 mod refusal;
 mod travel;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use tangent_mechanics::{
     Arm, Base, Flange, InverseKinematics, InverseKinematicsError, Joints, Pose, Tool,
     smallest_singular_value,
@@ -16,8 +17,8 @@ use tangent_mechanics::{
 
 use crate::contact::alignment::plane_axes;
 use crate::limits::Limits;
-use crate::task::Task;
 use crate::task::path::{Path, PathPlace};
+use crate::task::{Task, normal_of};
 
 pub use refusal::{Edge, Place, REFUSED, Refusal, words};
 
@@ -155,7 +156,16 @@ impl<const N: usize> Preflight<'_, N> {
         let mut failed = Failed::default();
         let mut q = *q;
         for place in places {
-            let position = origin + x * place.position.x + y * place.position.y;
+            let mut position = origin + x * place.position.x + y * place.position.y;
+            let mut square = square;
+            if let Some(surface) = self.task.path.expected_surface() {
+                let start_m = surface.height_m(&Vector2::zeros());
+                position += normal * (surface.height_m(&place.position) - start_m);
+                let n = normal_of(&surface.slope(&place.position));
+                let expected = x * n.x + y * n.y + normal * n.z;
+                let turn = UnitQuaternion::rotation_between(&normal, &expected);
+                square = turn.unwrap_or_default() * square;
+            }
             let at = Place {
                 way_m: place.way_m,
                 on_path_m: place.position.into(),

@@ -6,6 +6,13 @@ pub(crate) mod order;
 mod pattern;
 pub(crate) mod polygon;
 
+/// Patterns and their order, for tools that fill regions of their own.
+pub mod fill {
+    pub use super::order::{Ordered, Points, ordered};
+    pub use super::pattern::{Ring, spiral_of};
+    pub use super::polygon::Polygon;
+}
+
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -107,7 +114,7 @@ impl Region {
     /// The strokes in their order, from the origin.
     pub(crate) fn plan(&self) -> Result<Vec<Ordered>, ControlError> {
         self.check_numbers()?;
-        self.check_shape()?;
+        self.check_shape("path")?;
         let polygon = self.within_margin();
         if polygon.is_empty() {
             return Err(ControlError::range(
@@ -160,11 +167,11 @@ impl Region {
         speed("path.speed_m_per_s", self.speed_m_per_s)
     }
 
-    /// Checks the corners, and that no edge meets another one.
-    fn check_shape(&self) -> Result<(), ControlError> {
+    /// Checks the corners, and that no edge meets another one; `table` is that of the keys.
+    pub(crate) fn check_shape(&self, table: &str) -> Result<(), ControlError> {
         let key = |hole: Option<usize>| match hole {
-            None => "path.outline_m".to_owned(),
-            Some(hole) => format!("path.holes_m[{hole}]"),
+            None => format!("{table}.outline_m"),
+            Some(hole) => format!("{table}.holes_m[{hole}]"),
         };
         let holes = self
             .holes_m

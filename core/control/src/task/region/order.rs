@@ -11,11 +11,12 @@ use super::polygon::Polygon;
 const LIFT_M: f64 = 0.15;
 
 /// Points of a stroke, m.
-pub(crate) type Points = Vec<Vector2<f64>>;
+pub type Points = Vec<Vector2<f64>>;
 
 /// A stroke in its order.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Ordered {
+pub struct Ordered {
+    /// Points, m.
     pub points: Points,
     /// Whether the tool lifts off on the way to it.
     pub lifts: bool,
@@ -24,7 +25,7 @@ pub(crate) struct Ordered {
 /// Orders strokes from `start` (m). Strokes are reversed where that is nearer; closed ones begin at
 /// the point nearest to the tool. Within `inside`, up to `over_m` beyond its edge, the tool slides
 /// from stroke to stroke.
-pub(crate) fn ordered(
+pub fn ordered(
     mut strokes: Vec<Points>,
     start: Vector2<f64>,
     inside: &Polygon,

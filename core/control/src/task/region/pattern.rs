@@ -44,9 +44,12 @@ pub(crate) fn raster(polygon: &Polygon, spacing_m: f64, angle_rad: f64) -> Vec<P
     rows
 }
 
-/// Closed rings along the edges, from the edges inwards, `spacing_m` apart; each with the number
-/// of its distance from the edge.
-fn rings(polygon: &Polygon, spacing_m: f64) -> Vec<(usize, Points)> {
+/// A closed ring: its first point is also its last one. With the number of its distance from the
+/// edge.
+pub type Ring = (usize, Points);
+
+/// Closed rings along the edges, from the edges inwards, `spacing_m` apart.
+fn rings(polygon: &Polygon, spacing_m: f64) -> Vec<Ring> {
     let mut rings = Vec::new();
     for level in 0.. {
         let inset = polygon.inset(spacing_m * level as f64);
@@ -76,7 +79,11 @@ pub(crate) fn contour(polygon: &Polygon, spacing_m: f64) -> Vec<Points> {
 /// Rings along the edges that pass into each other. A ring that does not pass into exactly one
 /// next ring ends its spiral.
 pub(crate) fn spiral(polygon: &Polygon, spacing_m: f64) -> Vec<Points> {
-    let rings = rings(polygon, spacing_m);
+    spiral_of(&rings(polygon, spacing_m), polygon, spacing_m)
+}
+
+/// Rings that pass into each other, within `polygon`.
+pub fn spiral_of(rings: &[Ring], polygon: &Polygon, spacing_m: f64) -> Vec<Points> {
     let near = |from: &Points, to: &Points| {
         let furthest = to.iter().map(|p| distance_m(from, p)).fold(0.0, f64::max);
         furthest < NEXT_SPACINGS * spacing_m

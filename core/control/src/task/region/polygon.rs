@@ -5,7 +5,7 @@
 
 use i_overlay::mesh::float::outline::offset::OutlineOffset;
 use i_overlay::mesh::float::style::{LineJoin, OutlineStyle};
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 /// Angle of one segment of a rounded corner, rad.
 const ROUND_RAD: f64 = 0.12;
@@ -16,7 +16,8 @@ const OUTSIDE_SHARES: [f64; 9] = [0.5, 0.1, 0.9, 0.2, 0.8, 0.3, 0.7, 0.4, 0.6];
 
 /// Closed rings. A point is inside if a ray from it crosses the rings an odd number of times.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Polygon {
+pub struct Polygon {
+    /// Corners of each ring, m.
     pub rings: Vec<Vec<Vector2<f64>>>,
 }
 
@@ -72,6 +73,22 @@ impl Polygon {
             let next = ring.iter().cycle().skip(1);
             ring.iter().zip(next).map(|(a, b)| (*a, *b))
         })
+    }
+
+    /// The edges on a surface with these heights over the plane, in pieces of at most `step_m`.
+    pub fn edges_over(
+        &self,
+        step_m: f64,
+        height_m: impl Fn(&Vector2<f64>) -> f64,
+    ) -> Vec<[Vector3<f64>; 2]> {
+        let over = |p: Vector2<f64>| p.push(height_m(&p));
+        let mut pieces = Vec::new();
+        for (a, b) in self.edges() {
+            let count = ((b - a).norm() / step_m).ceil().max(1.0) as usize;
+            let at = |k: usize| over(a.lerp(&b, k as f64 / count as f64));
+            pieces.extend((0..count).map(|k| [at(k), at(k + 1)]));
+        }
+        pieces
     }
 
     /// Whether `point` is inside.
@@ -153,6 +170,20 @@ pub(crate) fn nearest_on(a: &Vector2<f64>, b: &Vector2<f64>, point: &Vector2<f64
         return *a;
     }
     a + along * ((point - a).dot(&along) / length2).clamp(0.0, 1.0)
+}
+
+/// Distance of a place from the nearest of some segments, m.
+pub(crate) fn nearest_in_space(segments: &[[Vector3<f64>; 2]], place: &Vector3<f64>) -> f64 {
+    let away2 = |[a, b]: &[Vector3<f64>; 2]| {
+        let along = b - a;
+        let share = (place - a).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
+        (a + along * share.clamp(0.0, 1.0) - place).norm_squared()
+    };
+    segments
+        .iter()
+        .map(away2)
+        .fold(f64::INFINITY, f64::min)
+        .sqrt()
 }
 
 /// Whether two segments have a point in common.

@@ -155,6 +155,7 @@ impl AdmittanceLoop {
         // The preset is already part of `config`, together with the scenario's own parameters.
         let mut task = scenario.task.clone();
         task.controller = None;
+        task.complete(&scenario.estimation.contact.tip);
         let mut controller =
             Controller::new(*plant.model(), flange_from_tool, scenario.limits, config)?;
         let mut program = Program::new(&task, &config)?;

@@ -119,6 +119,10 @@ impl LawConfig for ControllerConfig {
         )
     }
 
+    fn force_rate_max_n_per_s(&self) -> f64 {
+        self.force.reference_rate_n_per_s
+    }
+
     fn path_bounds(&self) -> (f64, f64) {
         (self.path.acceleration_m_per_s2, self.path.jerk_m_per_s3)
     }
