@@ -73,7 +73,7 @@ impl Run {
                 && let Some(fault) =
                     urgent_fault(limits, percept).or_else(|| self.zero_fault(program, input))
             {
-                return self.leave_for(percept, fault);
+                return self.leave(percept, Some(fault));
             }
             if self.is_zero_old(program, input) {
                 let stops = task.zero.at_limit == ZeroAtLimit::Stop || input.base.is_some();
@@ -274,18 +274,6 @@ impl Run {
         }
     }
 
-    /// Leaves the surface because of an urgent fault. A tool that is held aside where it has just
-    /// lost the surface has got past a rim.
-    fn leave_for(&mut self, percept: &Percept, fault: Fault) {
-        let aside = fault == Fault::Wrench(Validity::Misdirected);
-        if aside && self.losses.is_near(&percept.position) {
-            // The normal in use may follow the rim.
-            self.way_off = Some(self.turn.way_off(&self.approach));
-            return self.leave(percept, Some(Fault::SurfaceEnds));
-        }
-        self.leave(percept, Some(fault));
-    }
-
     fn touch(&mut self, config: &ControllerConfig, percept: &Percept, speed_m_per_s: f64) {
         let Some(force_n) = percept.force_n else {
             return;
@@ -302,7 +290,6 @@ impl Run {
             self.exploration.offer();
         }
         self.acting = ActingPoint::default();
-        self.align = Vector3::zeros();
         self.off = false;
         if !self.touched {
             self.touched = true;

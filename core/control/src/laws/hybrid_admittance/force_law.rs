@@ -138,11 +138,6 @@ impl ForceLaw {
         self.stiffness.is_settled()
     }
 
-    /// Whether the motion after a touch is not over yet: the force has no effect until then.
-    pub fn is_waiting(&self) -> bool {
-        !self.recoil.is_over()
-    }
-
     /// Damping in use, Ns/m.
     pub fn damping_n_s_per_m(&self) -> f64 {
         self.damping

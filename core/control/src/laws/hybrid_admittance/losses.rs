@@ -78,8 +78,7 @@ impl Losses {
         SLOWER_FACTOR.powi(more).max(SHARE_MIN)
     }
 
-    /// Whether contact was lost last at this `position` (m).
-    pub fn is_near(&self, position: &Vector3<f64>) -> bool {
+    fn is_near(&self, position: &Vector3<f64>) -> bool {
         self.place
             .is_some_and(|place| (position - place).norm() < PLACE_M)
     }

@@ -13,7 +13,6 @@ mod decisions;
 mod delay_in_use;
 pub mod force_integral;
 pub mod force_law;
-mod free_noise;
 mod interface;
 pub mod joint_velocity;
 mod landing;

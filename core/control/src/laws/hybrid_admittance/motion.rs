@@ -4,8 +4,8 @@ use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
 use super::pace::{
-    ForceLoop, aside_factor, deviation_along_rad, deviation_max_rad, excess_factor, force_factor,
-    speed_bound, turn_bound, turn_ramp,
+    ForceLoop, deviation_along_rad, deviation_max_rad, excess_factor, force_factor, speed_bound,
+    turn_bound,
 };
 use super::percept::Percept;
 use super::run::Run;
@@ -32,9 +32,8 @@ const STIFFNESS_WITHIN_S: f64 = 0.6;
 /// Commanded speed along the surface below which the tool stands, m/s. While it moves, its depth
 /// changes with the surface's shape too, and shows no stiffness.
 const STANDING_M_PER_S: f64 = 1e-3;
-/// Force from which it begins, N, or as a share of the reference, whichever is lower.
+/// Force from which it begins, N.
 const EXPLORE_FORCE_N: f64 = 1.5;
-const EXPLORE_FORCE_SHARE: f64 = 0.7;
 /// Highest speed of the exploration, m/s.
 const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.008;
 /// Time constant with which a changed gain takes effect, s.
@@ -134,13 +133,6 @@ pub(super) fn wanted_twist<const N: usize>(
                 alignment_rate(config.alignment.gain_per_s, &percept.z_tool, &normal),
                 config.alignment.turn_rate_max_rad_per_s.min(bound),
             );
-            let ramp = turn_ramp(
-                &config.pace,
-                percept.force_n.unwrap_or(0.0),
-                config.force.delay_margin_rad / config.force.loop_delay_s,
-                &force_loop(run, config, reference_n),
-            );
-            let align = run.ramped(align, ramp * input.dt_s);
             let ahead = if config.alignment.feed_forward && run.phase == Phase::Slide {
                 let own = run.surface.turn_rate;
                 learnt.map_or(own, |learnt| own.lerp(&learnt.turn_rate, learnt.weight))
@@ -199,26 +191,10 @@ impl Run {
         })
     }
 
-    /// The turn of the alignment in this cycle, rad/s, that comes at most `step_max` nearer to the
-    /// one `wanted` than the last if it is a faster one. A turn lifts a contact beside the tool's
-    /// origin: there is none until the force law has begun to act after a touch.
-    fn ramped(&mut self, wanted: Vector3<f64>, step_max_rad_per_s: f64) -> Vector3<f64> {
-        self.align = if self.force.is_waiting() {
-            Vector3::zeros()
-        } else if wanted.norm() <= self.align.norm() {
-            wanted
-        } else {
-            self.align + clamp_norm(wanted - self.align, step_max_rad_per_s)
-        };
-        self.align
-    }
-
     /// Whether the tool may explore while the force still builds up: it presses, the first force
     /// has settled, and the stiffness, which is learnt only while the tool stands, is known.
-    fn may_explore(&self, config: &ControllerConfig, percept: &Percept, reference_n: f64) -> bool {
-        let pressing_n = EXPLORE_FORCE_N
-            .min(EXPLORE_FORCE_SHARE * reference_n)
-            .max(config.contact.noise_n);
+    fn may_explore(&self, config: &ControllerConfig, percept: &Percept) -> bool {
+        let pressing_n = EXPLORE_FORCE_N.max(config.contact.noise_n);
         !self.paused
             && self.in_phase_s > EXPLORE_AFTER_S
             && percept.force_n.is_some_and(|force_n| force_n > pressing_n)
@@ -252,17 +228,13 @@ fn along_path(
         .force_n
         .map_or(0.0, |force_n| force_n - run.force.reference_n());
     let path_speed = program.task.path.speed_m_per_s();
-    let aside_n = percept.wrench.map_or(0.0, |wrench| {
-        (wrench.force - normal * wrench.force.dot(&normal)).norm()
-    });
-    let held = aside_factor(&config.pace, aside_n, reference_n);
     let mut factor = factor
         * force_factor(&config.pace, error_n, reference_n)
-        * excess_factor(&config.pace, error_n, reference_n).min(held)
+        * excess_factor(&config.pace, error_n, reference_n)
         * run.losses.speed_share(position);
     let force = force_loop(run, config, reference_n);
     let explore_factor = match run.phase {
-        Phase::Contact if run.may_explore(config, percept, reference_n) => held,
+        Phase::Contact if run.may_explore(config, percept) => 1.0,
         Phase::Slide => factor,
         _ => 0.0,
     };

@@ -23,17 +23,10 @@ const LEVER_M: f64 = 0.004;
 const LEFT_SHARE: f64 = 0.3;
 /// Lowest turn rate for that reason, rad/s.
 const TURN_MIN_RAD_PER_S: f64 = 0.05;
-/// Distance from the wrist's centre to the tool's origin, m, and difference between the delays of
-/// two joints, s: 15 % of the lag of a servo of 15 Hz.
-const LEAD_M: f64 = 0.3;
-const SPREAD_S: f64 = 0.003;
 /// The path stands when the force error is this many times the one that begins to slow it.
 const STAND_SHARES: f64 = 2.5;
 /// Share of the speed that is left whatever the force.
 const EXCESS_LEAST: f64 = 0.2;
-/// Force across the normal that friction may cause, as a share of the reference: a coefficient of
-/// 0.9, and a normal that is wrong by 14 degrees.
-const ASIDE_SHARE: f64 = 1.5;
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
 const REFERENCE_MIN_N: f64 = 1.5;
 /// Largest radius of the first circle, m.
@@ -82,13 +75,6 @@ pub(crate) fn excess_factor(config: &PaceConfig, error_n: f64, reference_n: f64)
     speed_left(error_n, reference_n, config.excess_share).max(EXCESS_LEAST)
 }
 
-/// Share of the speed along the surface that a force across the normal leaves, `aside_n`: beyond
-/// what friction makes of the reference, a wall holds the tool, and it hits the wall the harder the
-/// faster it moves. Never less than [`EXCESS_LEAST`], so that a tool gets over a ledge.
-pub(crate) fn aside_factor(config: &PaceConfig, aside_n: f64, reference_n: f64) -> f64 {
-    excess_factor(config, aside_n - ASIDE_SHARE * reference_n, reference_n)
-}
-
 /// Share of a speed that is left by an error of the force: 1 up to the share `from` of the
 /// reference, 0 at [`STAND_SHARES`] times that, and negative beyond.
 fn speed_left(error_n: f64, reference_n: f64, from: f64) -> f64 {
@@ -106,24 +92,6 @@ pub(crate) fn turn_bound(config: &PaceConfig, force_n: f64, force: &ForceLoop) -
     let left_n = force_n.clamp(LEFT_SHARE * force.reference_n, force.reference_n);
     let speed = config.slope_share * left_n / (force.stiffness_n_per_m * force.delay_s);
     (speed / LEVER_M).max(TURN_MIN_RAD_PER_S)
-}
-
-/// Fastest change of the tool's turn rate, rad/s². The joints that turn the tool about its origin
-/// follow their commands with different delays. The origin therefore moves by `LEAD_M SPREAD_S ω`
-/// when a turn of rate `ω` begins, and the force loop, with its crossover of `crossover_rad_per_s`,
-/// needs time to make up for that. `force_n` is measured.
-pub(crate) fn turn_ramp(
-    config: &PaceConfig,
-    force_n: f64,
-    crossover_rad_per_s: f64,
-    force: &ForceLoop,
-) -> f64 {
-    if config.slope_share <= 0.0 {
-        return f64::INFINITY;
-    }
-    let left_n = force_n.clamp(LEFT_SHARE * force.reference_n, force.reference_n);
-    let speed = config.slope_share * left_n / force.stiffness_n_per_m * crossover_rad_per_s;
-    speed / (LEAD_M * SPREAD_S)
 }
 
 /// Standard deviation of a normal with this covariance (rad²) in the direction `along` (unit), rad.
@@ -233,28 +201,6 @@ mod tests {
             ..config
         };
         assert_eq!(excess_factor(&off, 100.0, 10.0), 1.0);
-    }
-
-    #[test]
-    fn a_wall_slows_the_tool_and_friction_does_not() {
-        let config = PaceConfig::default();
-        let factor = |aside_n| aside_factor(&config, aside_n, 10.0);
-        assert_eq!(factor(9.0), 1.0);
-        assert_eq!(factor(19.0), 1.0);
-        assert_eq!(factor(25.0), EXCESS_LEAST);
-    }
-
-    #[test]
-    fn a_turn_begins_slowly_on_a_stiff_contact() {
-        let ramp = |stiffness_n_per_m| {
-            let force = ForceLoop {
-                stiffness_n_per_m,
-                ..FORCE
-            };
-            turn_ramp(&PaceConfig::default(), 3.0, 11.0, &force)
-        };
-        assert!((0.1..0.5).contains(&ramp(50_000.0)));
-        assert!(ramp(5_000.0) > 2.0);
     }
 
     #[test]

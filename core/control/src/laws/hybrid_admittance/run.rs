@@ -10,7 +10,6 @@ use tangent_sensing::Validity;
 use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
-use super::free_noise::FreeNoise;
 use super::interface::ControlInput;
 use super::lift::Lifting;
 use super::losses::{Felt, Losses};
@@ -56,11 +55,7 @@ pub(crate) struct Run {
     pub exploration: Exploration,
     /// Where the force acts on the tool in this contact.
     pub acting: ActingPoint,
-    /// Turn of the alignment in the last cycle, base axes, rad/s.
-    pub align: Vector3<f64>,
     pub in_contact: bool,
-    /// Noise of the force in the approach.
-    pub free_noise: FreeNoise,
     pub lost_count: u32,
     pub losses: Losses,
     pub felt: Felt,
@@ -125,9 +120,7 @@ impl Run {
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
             acting: ActingPoint::default(),
-            align: Vector3::zeros(),
             in_contact: false,
-            free_noise: FreeNoise::default(),
             lost_count: 0,
             losses: Losses::default(),
             felt: Felt::default(),

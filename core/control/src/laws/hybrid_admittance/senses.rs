@@ -99,8 +99,7 @@ impl Run {
                 &position,
                 &self.surface.normal,
                 config.normal.turn_max_rad,
-                // Where contact was lost, the surface may end: nothing is allowed for there.
-                self.exploration.is_open() && !self.losses.is_near(&position),
+                self.exploration.is_open(),
             )
         {
             self.response.misdirected();
@@ -175,12 +174,7 @@ impl Run {
     /// Detects contact from the force, with hysteresis and a minimum duration against noise.
     fn feel(&mut self, config: &ControllerConfig, force_n: f64, reference_n: f64, dt_s: f64) {
         let contact = &config.contact;
-        if self.phase == Phase::Approach && !self.in_contact {
-            self.free_noise.add(force_n, dt_s);
-        }
-        let touch = (contact.touch_share * reference_n)
-            .max(contact.noise_n)
-            .max(self.free_noise.touch_n(reference_n));
+        let touch = (contact.touch_share * reference_n).max(contact.noise_n);
         let lost = (contact.lost_share * reference_n)
             .max(0.5 * contact.noise_n)
             .min(0.7 * touch);
