@@ -32,7 +32,7 @@ const RISE_M: f64 = 6e-5;
 const FOLLOWED: f64 = 0.2;
 /// Softest contact assumed until the stiffness is measured, N/m, and the number of times that it
 /// must have moved the mean by the threshold before its absence is judged.
-const SOFTEST_N_PER_M: f64 = 200.0;
+const SOFTEST_N_PER_M: f64 = 500.0;
 const MOVED_TIMES: f64 = 2.0;
 /// Depth that is not known when a stiffness is measured, m: delay, and a pad that settles.
 const SHOWN_M: f64 = 3e-5;

@@ -22,9 +22,8 @@ const STIFFNESS_N_PER_M: f64 = 25_000.0;
 /// changes it slightly.
 const STILL_N: f64 = 5e-3;
 /// Additional change per metre of depth below which a reading counts as constant, N/m: a quarter of
-/// the softest contact's stiffness. A soft tip that lands 25 degrees off its axis is pressed at one
-/// edge and shows 200 to 300 N/m.
-const STILL_N_PER_M: f64 = 50.0;
+/// the softest surface's stiffness.
+const STILL_N_PER_M: f64 = 250.0;
 /// Force that may build up undetected while the reading is constant, N, or this share of the
 /// reference.
 const UNFELT_N: f64 = 1.5;
