@@ -12,10 +12,8 @@ const SHARE: f64 = 0.05;
 const SHARE_PER_S: f64 = 15.0;
 /// Factor by which a step may exceed the one before it.
 const GROWTH: f64 = 1.5;
-/// Largest number of records left out among the last 64; beyond it, the sensor is not usable. A tool
-/// that snaps off a ledge rings for some 30 ms, in which every other record may leap; damage does
-/// not end by itself.
-const LEFT_OUT_MAX: u32 = 14;
+/// Largest number of records left out among the last 32; beyond it, the sensor is not usable.
+const LEFT_OUT_MAX: u32 = 6;
 
 /// Verdict on the step to one record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +56,7 @@ pub struct JumpWatchState {
     /// Step to the last accepted record, as a share of the range: a rising load continues to rise.
     stride: f64,
     /// One bit per record, the newest lowest; 1 if it was left out.
-    left_out: u64,
+    left_out: u32,
 }
 
 impl JumpWatch {
