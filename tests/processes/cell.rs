@@ -50,6 +50,7 @@ impl Cell {
 
     /// A cell with an e-Series arm at 500 Hz, whose own sensor is used, above this surface: its
     /// lines of the scenario.
+    #[allow(dead_code, reason = "only tests/ui.rs has such a cell")]
     pub fn with_e_series(surface: &str, change: impl FnOnce(&mut toml::Table)) -> Self {
         let plane = "shape = \"plane\"\nposition_m = [0.0, 0.0, 0.1]";
         let scenario = "scenarios/plane.toml";

@@ -448,8 +448,7 @@ impl Supervisor {
     fn foreign_program_runs(&self, sample: &Sample) -> bool {
         let playing = sample.runtime_state == RUNTIME_PLAYING;
         sample.runtime_state != RUNTIME_STOPPED
-            && (program::version(sample.ident).is_none()
-                || playing && self.still > STUCK_CYCLES)
+            && (program::version(sample.ident).is_none() || playing && self.still > STUCK_CYCLES)
     }
 
     /// Re-arms a latched program where that is allowed. It then only holds still; motion needs a

@@ -13,11 +13,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use tangent_estimation::depth_normal::Intrinsics;
 use tangent_mechanics::{Camera, Pose, Tool};
-use tangent_recorder::{RecorderError, Recording};
+use tangent_recorder::{Contents, RecorderError, Recording, Stored};
 use tangent_runtime::CellConfig;
 use tangent_schemas::standard::{CameraInfo, Image};
 use tangent_schemas::tangent::ArmState;
-use tangent_schemas::{Message, cdr, topics};
+use tangent_schemas::{cdr, topics};
 
 use image::points_of;
 use poses::Poses;
@@ -77,30 +77,33 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
     let tool_from_camera: Pose<Tool, Camera> =
         cell.tool.flange_from_tool().inverse() * camera.flange_from_camera();
     let recording = Recording::open(file)?;
-    let (mut poses, mut stated, mut count) = (Poses::default(), None, 0);
     let refuse = |topic: &'static str, reason: String| ScanError::Message {
         file: file.to_owned(),
         topic,
         reason,
     };
-    let named = |topic: &str, name: &str| topic.trim_start_matches('/') == name;
-    let wanted = [topics::CAMERA_INFO.key(), topics::ARM_STATE.key()];
-    let depth = topics::CAMERA_DEPTH.key();
-    for message in recording.try_messages_where(|of| {
-        count += usize::from(named(of.topic, depth));
-        wanted.iter().any(|name| named(of.topic, name))
-    }) {
-        let message = message?;
-        if message.type_name == ArmState::NAME {
-            let state: ArmState = cdr::decode(&message.bytes)
-                .map_err(|error| refuse("arm/state", error.to_string()))?;
-            poses.add(message.publish_time_ns, &state);
-        } else if stated.is_none() && message.type_name == CameraInfo::NAME {
-            let info: CameraInfo = cdr::decode(&message.bytes)
-                .map_err(|error| refuse("camera/info", error.to_string()))?;
-            stated = Some(intrinsics(&info));
+    let (mut poses, mut stated) = (Poses::default(), None);
+    let mut refused = None;
+    let held = recording.decode_selected(Part::of, Part::decode, |part| match part {
+        Ok(Ok(Part::State(at_ns, state))) => poses.add(at_ns, &state),
+        Ok(Ok(Part::Info(info))) => stated = stated.or(Some(info)),
+        Ok(Err((topic, reason))) => {
+            refused.get_or_insert_with(|| refuse(topic, reason));
         }
+        Err(error) => {
+            refused.get_or_insert(error.into());
+        }
+    });
+    if let Some(error) = refused {
+        return Err(error);
     }
+    let is_depth = |topic: &str| is_named(topic, topics::CAMERA_DEPTH.key());
+    let count: u64 = held
+        .iter()
+        .filter(|held| is_depth(&held.topic))
+        .map(|held| held.count)
+        .sum();
+    let count = usize::try_from(count).unwrap_or(usize::MAX);
     let missing = |missing| ScanError::Missing {
         file: file.to_owned(),
         missing,
@@ -127,17 +130,13 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
             images: 0,
         },
     );
-    for message in recording.try_messages_where(|of| {
-        let is_depth = named(of.topic, depth);
-        number += usize::from(is_depth);
-        is_depth && (number - 1).is_multiple_of(every)
-    }) {
-        let message = message?;
-        let image: Image = cdr::decode(&message.bytes)
-            .map_err(|error| refuse("camera/depth", error.to_string()))?;
+    let mut refused = None;
+    let mut add = |at_ns: u64, bytes: &[u8]| {
+        let image: Image =
+            cdr::decode(bytes).map_err(|error| refuse("camera/depth", error.to_string()))?;
         // An image before the first or after the last state of the arm has no place.
-        let Some(base_from_tool) = poses.at(message.publish_time_ns) else {
-            continue;
+        let Some(base_from_tool) = poses.at(at_ns) else {
+            return Ok(());
         };
         let seen = points_of(&image, &intrinsics, per_image)
             .map_err(|error| refuse("camera/depth", error.to_string()))?;
@@ -145,6 +144,26 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
         scan.points
             .extend(seen.iter().map(|p| base_from_camera.transform_point(p)));
         scan.images += 1;
+        Ok::<(), ScanError>(())
+    };
+    recording.decode_selected(
+        |of| is_depth(of.topic).then_some(()),
+        |(), stored| (stored.publish_time_ns, stored.bytes.to_vec()),
+        |image| {
+            let is_taken = number.is_multiple_of(every);
+            number += 1;
+            let added = match image {
+                Ok((at_ns, bytes)) if is_taken => add(at_ns, &bytes),
+                Ok(_) => Ok(()),
+                Err(error) => Err(error.into()),
+            };
+            if let Err(error) = added {
+                refused.get_or_insert(error);
+            }
+        },
+    );
+    if let Some(error) = refused {
+        return Err(error);
     }
     if scan.points.is_empty() {
         return Err(missing(
@@ -152,6 +171,38 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
         ));
     }
     Ok(scan)
+}
+
+/// What the images are placed with.
+enum Part {
+    /// Time of measurement, ns since the Unix epoch, and the arm.
+    State(u64, Box<ArmState>),
+    Info(Intrinsics),
+}
+
+impl Part {
+    /// Name of the topic, if one of its messages is such a part.
+    fn of(of: &Contents<'_>) -> Option<&'static str> {
+        [topics::CAMERA_INFO.key(), topics::ARM_STATE.key()]
+            .into_iter()
+            .find(|name| is_named(of.topic, name))
+    }
+
+    /// # Errors
+    /// The topic, and why its message is refused.
+    fn decode(name: &&'static str, stored: &Stored<'_>) -> Result<Self, (&'static str, String)> {
+        let refuse = |error: cdr::CdrError| (*name, error.to_string());
+        if *name == topics::ARM_STATE.key() {
+            let state = cdr::decode(stored.bytes).map_err(refuse)?;
+            return Ok(Self::State(stored.publish_time_ns, Box::new(state)));
+        }
+        let info = cdr::decode(stored.bytes).map_err(refuse)?;
+        Ok(Self::Info(intrinsics(&info)))
+    }
+}
+
+fn is_named(topic: &str, name: &str) -> bool {
+    topic.trim_start_matches('/') == name
 }
 
 fn intrinsics(info: &CameraInfo) -> Intrinsics {

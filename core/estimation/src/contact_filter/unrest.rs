@@ -74,11 +74,14 @@ mod tests {
 
     #[test]
     fn corrections_that_alternate_or_are_as_expected_leave_the_surface_quiet() {
-        assert_eq!(learnt(|i| if i % 2 == 0 { 1.0 } else { -1.0 }), BOUNDS.0);
+        assert_eq!(
+            learnt(|i| if i.is_multiple_of(2) { 1.0 } else { -1.0 }),
+            BOUNDS.0
+        );
         // A sequence of ±1 without pattern: the parity of the bits of a hash.
         let white = |i: usize| {
             let hash = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 29;
-            if hash.count_ones() % 2 == 0 {
+            if hash.count_ones().is_multiple_of(2) {
                 1.0
             } else {
                 -1.0
