@@ -23,8 +23,8 @@ pub struct Region {
     /// Metres per unit of the mesh: 0.001 for millimetres.
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     pub scale: f64,
-    /// Pose of the mesh in the base: x, y, z in m, then roll, pitch and yaw in rad about fixed axes,
-    /// or a quaternion x, y, z, w.
+    /// Pose of the mesh in the base: x, y, z in m, then roll, pitch and yaw in rad about fixed
+    /// axes, or a quaternion x, y, z, w.
     #[arg(
         long,
         value_name = "X,Y,Z,R,P,Y",
@@ -33,8 +33,8 @@ pub struct Region {
         conflicts_with = "matches"
     )]
     pub frame: Vec<f64>,
-    /// A place in the mesh (after --scale, m) and in the base, as shown with the tool; three or more
-    /// times, in place of --frame.
+    /// A place in the mesh (after --scale, m) and in the base, as shown with the tool; three or
+    /// more times, in place of --frame.
     #[arg(long = "match", value_name = "X,Y,Z=X,Y,Z", value_parser = matched, allow_hyphen_values = true)]
     pub matches: Vec<([f64; 3], [f64; 3])>,
     /// Select from the triangle nearest to this place on, over edges of up to --angle-deg.
@@ -65,7 +65,8 @@ pub struct Region {
     /// One more stroke along every edge before the rows of a raster.
     #[arg(long)]
     pub edge_pass: bool,
-    /// Radius of the tip's contact, m; by default that of a flat, ring or soft tip in the cell file.
+    /// Radius of the tip's contact, m; by default that of a flat, ring or soft tip in the cell
+    /// file.
     #[arg(long, value_name = "M")]
     pub radius_m: Option<f64>,
     /// Largest distance between strokes, along the surface, m; by default the radius.
@@ -85,7 +86,7 @@ pub struct Region {
     /// Speed along the surface, m/s.
     #[arg(long, value_name = "M_PER_S", default_value_t = 0.02)]
     pub speed: f64,
-    /// Least and most dose of pressure, N*s/cm²: the task gets [coverage], and closes what is
+    /// Least and most dose of pressure, N*s/cm²: the task gets `[coverage]`, and closes what is
     /// missing.
     #[arg(long, value_name = "LEAST,MOST", value_parser = pair)]
     pub dose: Option<[f64; 2]>,

@@ -17,8 +17,8 @@ pub const GUIDING_VERSION: i32 = 2;
 /// The program's name on the controller, as in its `PROGRAM_XXX_STARTED` messages.
 pub const PROGRAM_NAME: &str = "tangent_bridge";
 
-/// Version that an identity register states; `None` if no program of the bridge wrote it, or a newer
-/// one. All versions up to this one read and write the registers of a task alike.
+/// Version that an identity register states; `None` if no program of the bridge wrote it, or a
+/// newer one. All versions up to this one read and write the registers of a task alike.
 pub fn version(ident: i32) -> Option<i32> {
     let version = ident.checked_sub(IDENT_BASE)?;
     (1..=PROGRAM_VERSION).contains(&version).then_some(version)

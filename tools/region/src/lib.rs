@@ -1,9 +1,9 @@
 //! A task from a region of a mesh, or of the points of a scan.
 //!
-//! [`read`] reads an STL, PLY or OBJ file, [`Mesh::placed`] brings it into the base of the robot, and
-//! [`draft()`] selects a part of it, fills it with strokes whose distances are measured along the
-//! surface, and writes the task: the strokes over a plane, and the heights as a guess for lifts,
-//! landings and coverage. `tangent region` calls them.
+//! [`read`] reads an STL, PLY or OBJ file, [`Mesh::placed`] brings it into the base of the robot,
+//! and [`draft()`] selects a part of it, fills it with strokes whose distances are measured along
+//! the surface, and writes the task: the strokes over a plane, and the heights as a guess for
+//! lifts, landings and coverage. `tangent region` calls them.
 
 mod draft;
 mod edge_distance;

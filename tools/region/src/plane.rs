@@ -17,8 +17,8 @@ pub struct TaskPlane {
 }
 
 impl TaskPlane {
-    /// The plane with a normal and the projection of an x axis, as the law sets it up. The rows of a
-    /// raster, which are parallel to x, are turned by `angle_rad`.
+    /// The plane with a normal and the projection of an x axis, as the law sets it up. The rows of
+    /// a raster, which are parallel to x, are turned by `angle_rad`.
     pub fn new(
         origin: Vector3<f64>,
         normal: &Vector3<f64>,

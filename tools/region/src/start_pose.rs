@@ -9,8 +9,8 @@ use crate::plane::TaskPlane;
 /// Directions of the tool's x axis that are tried.
 const TURNS: u32 = 8;
 
-/// Joint positions (rad) with the tool `clearance_m` above the origin of the plane, its axis against
-/// `outwards` (unit, base axes).
+/// Joint positions (rad) with the tool `clearance_m` above the origin of the plane, its axis
+/// against `outwards` (unit, base axes).
 ///
 /// # Errors
 /// The arm cannot reach it.

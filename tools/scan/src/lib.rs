@@ -124,7 +124,7 @@ pub fn points(file: &Path, cell: &CellConfig) -> Result<Scan, ScanError> {
         POINTS_MAX / count.min(IMAGES_MAX),
     );
     let (mut number, mut scan) = (
-        0,
+        0_usize,
         Scan {
             points: Vec::new(),
             images: 0,

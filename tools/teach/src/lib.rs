@@ -1,9 +1,9 @@
 //! A task from poses of the arm that a person shows by hand.
 //!
 //! [`Guide`] keeps the arm free to be moved, [`ArmLesson`] reads where it stands and collects
-//! points and strokes by keys, and [`draft`] makes a task file of them: a path in the plane of the first
-//! point, and the start pose above it. `tangent teach` reads the keys and writes the file; the
-//! operator's page does so through a [`Session`].
+//! points and strokes by keys, and [`draft`] makes a task file of them: a path in the plane of the
+//! first point, and the start pose above it. `tangent teach` reads the keys and writes the file;
+//! the operator's page does so through a [`Session`].
 
 mod arm_lesson;
 mod arm_reader;

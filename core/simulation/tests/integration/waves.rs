@@ -1,5 +1,5 @@
-//! Waves that are shorter than those of `sheet`, under a small ball and with the settings of a cell:
-//! the rows on waves of `docs/estimators.md`.
+//! Waves that are shorter than those of `sheet`, under a small ball and with the settings of a
+//! cell: the rows on waves of `docs/estimators.md`.
 
 use tangent_simulation::{AdmittanceScenario, Evaluation, FileError, evaluate_admittance};
 

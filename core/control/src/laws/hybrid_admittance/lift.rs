@@ -1,8 +1,9 @@
 //! Travels from one stroke to the next above the surface: off along the normal, over to the start
 //! of the next stroke, and back by phase `seek`.
 //!
-//! The route bends away from the surface as far as the normals at its ends, and the expected surface
-//! of the task, ask for. A touch on the way leads further off. Called by the phase machine and the motion of phase `lift`.
+//! The route bends away from the surface as far as the normals at its ends, and the expected
+//! surface of the task, ask for. A touch on the way leads further off. Called by the phase machine
+//! and the motion of phase `lift`.
 
 use nalgebra::{UnitVector3, Vector3};
 use tangent_mechanics::{Aligned, Base, Tool, Twist};

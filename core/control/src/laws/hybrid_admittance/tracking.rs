@@ -3,11 +3,11 @@
 //! The path's plane is perpendicular to the approach direction. Each cycle the path velocity is
 //! rotated from the plane into the tangent plane of the surface by the smallest rotation, so a
 //! metre of path is a metre on the surface however steep it gets, and the reference point moves
-//! with it. A path with an expected surface is drawn over the plane instead: each point is the place
-//! of the surface above or below it, and the clock is slower where the surface is steep, so that the
-//! speed along the surface is the path's. The position error is fed back in the tangent plane. The path runs on its own clock:
-//! pause, speed, a lagging arm and a lost contact slow or stop the clock, and the path continues
-//! from the same point.
+//! with it. A path with an expected surface is drawn over the plane instead: each point is the
+//! place of the surface above or below it, and the clock is slower where the surface is steep, so
+//! that the speed along the surface is the path's. The position error is fed back in the tangent
+//! plane. The path runs on its own clock: pause, speed, a lagging arm and a lost contact slow or
+//! stop the clock, and the path continues from the same point.
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
