@@ -47,7 +47,7 @@ impl ArmLesson {
     /// Where the arm stands now.
     ///
     /// # Errors
-    /// As [`ArmReader::now`].
+    /// The bridge publishes nothing, or no usable pose.
     pub fn now(&self) -> Result<&Shown, TeachError> {
         self.arm.now()
     }
