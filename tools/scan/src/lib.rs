@@ -48,7 +48,9 @@ pub enum ScanError {
     NoCamera,
     /// Something is missing in the recording.
     #[error(
-        "{file}: no {missing}: record with the services `camera` (kind = \"depth\") and `rtde` or `franka`"
+        "{file}: no {missing}: record with the services `camera` (kind = \"depth\") and `rtde` or \
+         `franka`, and with `recorder.exclude = [\"simulator/image\"]` in the cell file, since depth \
+         images are not recorded by default"
     )]
     Missing {
         /// The recording.
