@@ -29,9 +29,10 @@ use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
 use self::slide::Slide;
-use self::state::{BIAS, CurvatureNews, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
+use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use self::tip::POSITION_SD_M;
+use self::unrest::CurvatureNews;
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
 use crate::world_estimator::WorldEstimate;

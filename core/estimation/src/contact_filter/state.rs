@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::learnt_noise::LearntNoise;
 use super::slide::Slide;
-use super::unrest::Unrest;
+use super::unrest::{CurvatureNews, Unrest};
 use crate::EstimatorConfig;
 use crate::motion::Motion;
 use crate::tangent_frame::TangentFrame;
@@ -97,44 +97,6 @@ pub(super) struct SurfaceState {
     pub covariance: SMatrix<f64, STATES, STATES>,
     /// What the measurements of this sample say of the curvature along the motion.
     pub news: CurvatureNews,
-}
-
-/// Corrections of the curvature along the motion by the measurements of one sample.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct CurvatureNews {
-    /// Weights of the shape operator's components in that curvature.
-    weights: Vector3<f64>,
-    /// Sum of the corrections, 1/m.
-    pub change_per_m: f64,
-    /// Their expected variance, 1/m².
-    pub expected_per_m2: f64,
-}
-
-impl CurvatureNews {
-    /// Begins a sample with the motion `d` over the surface, tangent axes.
-    pub fn along(d: &Vector2<f64>) -> Self {
-        let d = d.try_normalize(0.0).unwrap_or_default();
-        Self {
-            weights: Vector3::new(d.x * d.x, d.y * d.y, 2.0 * d.x * d.y),
-            ..Self::default()
-        }
-    }
-
-    #[cfg(test)]
-    pub fn of(change_per_m: f64, expected_per_m2: f64) -> Self {
-        Self {
-            change_per_m,
-            expected_per_m2,
-            ..Self::default()
-        }
-    }
-
-    /// Adds one correction: `gain` times `innovation`, whose expected variance is `variance`.
-    fn add(&mut self, gain: &Row, innovation: f64, variance: f64) {
-        let gain = self.weights.dot(&gain.fixed_rows::<3>(SHAPE));
-        self.change_per_m += gain * innovation;
-        self.expected_per_m2 += gain * gain * variance;
-    }
 }
 
 /// How an error of the payload's weight acts on the sensor.
@@ -471,7 +433,8 @@ impl SurfaceState {
         }
         let gain = gain / total;
         let change = gain * innovation;
-        self.news.add(&gain, innovation, total);
+        let of_shape = gain.fixed_rows::<3>(SHAPE).into_owned();
+        self.news.add(&of_shape, innovation, total);
         self.covariance -= gain * gain.transpose() * total;
         // Keeps the covariance exactly symmetric, and its diagonal non-negative.
         for i in 0..STATES {

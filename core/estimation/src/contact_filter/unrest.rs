@@ -5,7 +5,7 @@
 //! identification of variances and adaptive Kalman filtering", IEEE TAC 15(2), 1970). On a surface
 //! that is more uneven, the corrections of a stretch have the same sign.
 
-use super::state::CurvatureNews;
+use nalgebra::{Vector2, Vector3};
 
 /// Distance over which the corrections are summed, m.
 const SUM_LENGTH_M: f64 = 0.005;
@@ -17,6 +17,36 @@ const BOUNDS: (f64, f64) = (1.0, 150.0);
 const EXCESS_MAX: f64 = 4.0;
 /// Largest share of a memory that one sample replaces.
 const SHARE_MAX: f64 = 0.2;
+
+/// Corrections of the curvature along the motion by the measurements of one sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct CurvatureNews {
+    /// Weights of the shape operator's components in that curvature.
+    weights: Vector3<f64>,
+    /// Sum of the corrections, 1/m.
+    change_per_m: f64,
+    /// Their expected variance, 1/m².
+    expected_per_m2: f64,
+}
+
+impl CurvatureNews {
+    /// Begins a sample with the motion `d` over the surface, tangent axes.
+    pub fn along(d: &Vector2<f64>) -> Self {
+        let d = d.try_normalize(0.0).unwrap_or_default();
+        Self {
+            weights: Vector3::new(d.x * d.x, d.y * d.y, 2.0 * d.x * d.y),
+            ..Self::default()
+        }
+    }
+
+    /// Adds one correction of the shape operator's components: `gain` times `innovation`, whose
+    /// expected variance is `variance`.
+    pub fn add(&mut self, gain: &Vector3<f64>, innovation: f64, variance: f64) {
+        let gain = self.weights.dot(gain);
+        self.change_per_m += gain * innovation;
+        self.expected_per_m2 += gain * gain * variance;
+    }
+}
 
 /// Variance with which the curvature changes, relative to the configured one.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +96,11 @@ mod tests {
     fn learnt(mut correction: impl FnMut(usize) -> f64) -> f64 {
         let mut unrest = Unrest::default();
         for i in 0..2000 {
-            let news = CurvatureNews::of(correction(i), 1.0);
+            let news = CurvatureNews {
+                change_per_m: correction(i),
+                expected_per_m2: 1.0,
+                ..CurvatureNews::default()
+            };
             unrest.learn(&news, 1e-4);
         }
         unrest.value()
