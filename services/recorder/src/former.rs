@@ -16,7 +16,7 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
 use crate::packing;
 use crate::publisher;
-use crate::recording::reader_options;
+use crate::reader::reader_options;
 use crate::repair::is_finished;
 use crate::retention::order_of;
 use crate::writer::PUBLISHERS;

@@ -24,6 +24,7 @@ mod pattern;
 #[cfg(test)]
 mod power_cut;
 mod publisher;
+mod reader;
 mod recall;
 mod recording;
 mod records;
@@ -33,6 +34,7 @@ mod selection;
 mod service;
 mod stream;
 mod unpacker;
+mod walk;
 mod writer;
 
 pub use config::RecorderConfig;

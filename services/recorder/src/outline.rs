@@ -7,7 +7,7 @@ use std::os::unix::fs::FileExt;
 
 use mcap::records::op;
 
-use crate::recording::RECORD_BYTES_MAX;
+use crate::reader::RECORD_BYTES_MAX;
 use crate::records::HEADER_BYTES;
 
 /// Size of a part of a file without chunks that is read in one piece, bytes.

@@ -7,7 +7,7 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use mcap::records::Record as McapRecord;
-use mcap::sans_io::{LinearReaderOptions, MessageReadEvent, MessageReader};
+use mcap::sans_io::{MessageReadEvent, MessageReader};
 use mcap::{McapError, Message};
 
 use crate::RecorderError;
@@ -15,24 +15,9 @@ use crate::message::RecordedMessage;
 use crate::order::Ordered;
 use crate::outline::Outline;
 use crate::packing::unpack;
+use crate::reader::message_reader;
 use crate::selection::{Contents, Held, Source, Stored, decode_selected};
 use crate::writer::PUBLISHERS;
-
-/// Largest record, bytes. A longer one is damage: without a limit, a single flipped bit could
-/// request all memory.
-pub(crate) const RECORD_BYTES_MAX: usize = 256 << 20;
-
-/// Options for a file that may lack its end.
-pub(crate) fn reader_options() -> LinearReaderOptions {
-    LinearReaderOptions::default()
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(RECORD_BYTES_MAX)
-}
-
-pub(crate) fn message_reader() -> MessageReader {
-    MessageReader::new_with_options(reader_options())
-}
 
 /// Iterator over the messages of a file, up to the first damage, which is then the last item.
 struct Messages<'a> {

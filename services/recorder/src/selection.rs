@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,7 +12,7 @@ use std::thread;
 
 use mcap::McapError;
 use mcap::read::ChannelAccumulator;
-use mcap::records::{Record, op};
+use mcap::records::Record;
 use tangent_schemas::Message as _;
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::WrenchBatch;
@@ -26,14 +25,12 @@ use crate::packing::{self, packed_topic};
 use crate::publisher::of_channel;
 use crate::records::RawRecords;
 use crate::unpacker::Unpacker;
+use crate::walk::{Found, Walked};
 
 /// Largest number of threads that unpack.
 const THREADS_MAX: usize = 8;
 /// Number of unpacked chunks that may wait for the calling thread, for each of the threads.
 const WAITING: usize = 2;
-/// Bytes of a message before its data: channel, sequence, and the two times.
-const MESSAGE_HEADER_BYTES: usize = 22;
-
 /// What a channel of a file holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Contents<'a> {
@@ -79,7 +76,8 @@ struct Known<S> {
     publisher: [u8; 16],
     /// Number of its topic and publisher.
     line: Option<usize>,
-    is_packed: bool,
+    /// Topic of the channel in the file, if its messages are packed.
+    packed_topic: Option<String>,
     selected: Option<S>,
 }
 
@@ -196,77 +194,6 @@ fn work<S: Send + Sync, T: Send>(
     }
 }
 
-/// A message's place in a piece.
-struct Found {
-    channel: u16,
-    sequence: u32,
-    log_time_ns: u64,
-    publish_time_ns: u64,
-    data: Range<usize>,
-}
-
-/// The records of a piece.
-struct Walked {
-    messages: Vec<Found>,
-    /// Schemas and channels: the number of messages before each, its opcode and its place.
-    definitions: Vec<(usize, u8, Range<usize>)>,
-    damage: Option<McapError>,
-}
-
-impl Walked {
-    fn through(plain: &[u8], damage: Option<McapError>) -> Self {
-        let mut walked = Self {
-            messages: Vec::new(),
-            definitions: Vec::new(),
-            damage,
-        };
-        let mut records = RawRecords::of(plain);
-        while let Some(record) = records.next() {
-            let end = plain.len() - records.rest().len();
-            let body = end - record.body.len()..end;
-            match record.opcode {
-                op::MESSAGE => match found(record.body, body) {
-                    Some(found) => walked.messages.push(found),
-                    None => {
-                        walked.damage = Some(McapError::UnexpectedEoc);
-                        return walked;
-                    }
-                },
-                op::SCHEMA | op::CHANNEL => {
-                    let before = walked.messages.len();
-                    walked.definitions.push((before, record.opcode, body));
-                }
-                _ => {}
-            }
-        }
-        if !records.rest().is_empty() {
-            walked.damage = walked.damage.or(Some(McapError::UnexpectedEoc));
-        }
-        walked
-    }
-
-    /// Ends before the message of this number.
-    fn cut(&mut self, messages: usize, damage: McapError) {
-        self.messages.truncate(messages);
-        self.damage = Some(damage);
-    }
-}
-
-fn found(body: &[u8], place: Range<usize>) -> Option<Found> {
-    let (header, _) = body.split_first_chunk::<MESSAGE_HEADER_BYTES>()?;
-    let (channel, rest) = header.split_first_chunk()?;
-    let (sequence, rest) = rest.split_first_chunk()?;
-    let (log_time, rest) = rest.split_first_chunk()?;
-    let (publish_time, _) = rest.split_first_chunk()?;
-    Some(Found {
-        channel: u16::from_le_bytes(*channel),
-        sequence: u32::from_le_bytes(*sequence),
-        log_time_ns: u64::from_le_bytes(*log_time),
-        publish_time_ns: u64::from_le_bytes(*publish_time),
-        data: place.start + MESSAGE_HEADER_BYTES..place.end,
-    })
-}
-
 fn decoded<S, T>(
     plain: &[u8],
     walked: Walked,
@@ -284,17 +211,19 @@ fn decoded<S, T>(
             break;
         };
         let bytes = &plain[one.data.clone()];
-        batch.counts[usize::from(one.channel)] += match known.is_packed {
-            true => packing::count(PACKED, WrenchBatch::NAME, bytes),
-            false => 1,
-        };
+        let channel = usize::from(one.channel);
         let Some(selected) = &known.selected else {
+            batch.counts[channel] += match &known.packed_topic {
+                Some(topic) => packing::count(topic, WrenchBatch::NAME, bytes),
+                None => 1,
+            };
             continue;
         };
-        if known.is_packed {
-            batch.unpack(known, selected, &one, bytes, decode);
+        if let Some(topic) = &known.packed_topic {
+            batch.counts[channel] += batch.unpack(topic, known, selected, &one, bytes, decode);
             continue;
         }
+        batch.counts[channel] += 1;
         let stored = Stored {
             log_time_ns: one.log_time_ns,
             publish_time_ns: one.publish_time_ns,
@@ -312,21 +241,19 @@ fn decoded<S, T>(
     batch
 }
 
-/// Any packed topic: the count of a batch does not depend on it.
-const PACKED: &str = "/packed";
-
 impl<T> Batch<T> {
-    /// Takes the messages of a batch one by one.
+    /// Takes the messages of a batch one by one. Returns their number.
     fn unpack<S>(
         &mut self,
+        packed_topic: &str,
         known: &Known<S>,
         selected: &S,
         one: &Found,
         bytes: &[u8],
         decode: &impl Fn(&S, &Stored<'_>) -> T,
-    ) {
+    ) -> u64 {
         let message = RecordedMessage {
-            topic: format!("{}{PACKED}", known.topic),
+            topic: packed_topic.to_owned(),
             type_name: WrenchBatch::NAME.to_owned(),
             log_time_ns: one.log_time_ns,
             publish_time_ns: one.publish_time_ns,
@@ -334,7 +261,9 @@ impl<T> Batch<T> {
             sequence: one.sequence,
             bytes: bytes.to_vec(),
         };
-        for packing::Unpacked { message, packed } in packing::unpack(message) {
+        let unpacked = packing::unpack(message);
+        let count = unpacked.len() as u64;
+        for packing::Unpacked { message, packed } in unpacked {
             let stored = Stored {
                 log_time_ns: message.log_time_ns,
                 publish_time_ns: message.publish_time_ns,
@@ -349,6 +278,7 @@ impl<T> Batch<T> {
             };
             self.messages.push((numbered, decode(selected, &stored)));
         }
+        count
     }
 }
 
@@ -463,7 +393,7 @@ impl<S> Channels<S> {
             type_name: contents.type_name.to_owned(),
             publisher,
             line: self.lines.number(contents.topic, &publisher),
-            is_packed: packed.is_some(),
+            packed_topic: packed.map(|_| channel.topic.clone()),
             selected: select(&contents),
         };
         let mut table = Table::clone(&self.table);

@@ -10,7 +10,7 @@ use mcap::sans_io::{MessageReadEvent, MessageReader};
 use crate::RecorderError;
 use crate::message::RecordedMessage;
 use crate::packing::{Unpacked, unpack};
-use crate::recording::message_reader;
+use crate::reader::message_reader;
 
 /// The messages of a file, read on demand; at most one chunk is in memory. Ends with the file, also
 /// a torn one, or with the first damage as its last item. The order is the file's: messages that

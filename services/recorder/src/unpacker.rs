@@ -5,7 +5,7 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader};
 use zstd::bulk::Decompressor;
 
-use crate::recording::{RECORD_BYTES_MAX, reader_options};
+use crate::reader::{RECORD_BYTES_MAX, reader_options};
 use crate::records::RawRecord;
 
 /// Keeps the buffer and the decompressor between chunks.

@@ -14,7 +14,7 @@ use super::{Bounds, STRIDE};
 use crate::RecorderError;
 use crate::message::Record;
 use crate::publisher::of_channel;
-use crate::recording::reader_options;
+use crate::reader::reader_options;
 use crate::writer::{PUBLISHERS, RecordingWriter};
 
 /// Copies everything up to the first damage. Returns the number of messages copied, and the number
