@@ -17,10 +17,12 @@ mod page;
 mod pages;
 mod recordings;
 mod server;
+mod shared;
 mod snapshot;
 mod task_band;
 mod tasks;
 mod teach;
+mod teacher;
 mod tools;
 mod watcher;
 
@@ -35,10 +37,10 @@ use tangent_schemas::topics;
 use commands::Desk;
 pub use config::Config;
 pub use error::UiError;
-use server::Shared;
+use shared::Shared;
 use tangent_scene::dose::DoseMap;
 pub use tasks::SaveError;
-pub use teach::{TaskWish, TaughtMark, TaughtShape, TaughtTask, TeachState, TeachStep, Teacher};
+pub use teacher::{TaskWish, TaughtMark, TaughtShape, TaughtTask, TeachState, TeachStep, Teacher};
 pub use tools::{Calibration, CalibrationStep, Calibrator, Reporter, Tools};
 use watcher::Watcher;
 
@@ -71,7 +73,7 @@ pub fn run(
     let bound = listener.local_addr().map_err(listen)?;
     let threads = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
-        .max_blocking_threads(server::WAITING_THREADS)
+        .max_blocking_threads(shared::WAITING_THREADS)
         .thread_name("ui-page")
         .enable_all()
         .build()?;

@@ -9,7 +9,7 @@ use tangent_mechanics::{Base, Chain, Pose, Tool, World};
 use tangent_schemas::tangent::{ArmState, ControlState, Health, NormalEstimate};
 
 use crate::lights::{Light, Seen};
-use crate::teach::TeachState;
+use crate::teacher::TeachState;
 
 /// Force since the last snapshot, N: a peak between two snapshots is shown too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]

@@ -410,7 +410,7 @@ fn readers_that_sleep_hold_nothing_up() {
         "{numbers:?}"
     );
     // Their number is bounded.
-    let many: Vec<TcpStream> = (0..server::STREAMS_MAX)
+    let many: Vec<TcpStream> = (0..shared::STREAMS_MAX)
         .map(|_| {
             let mut stream = TcpStream::connect(page.address).unwrap();
             let head = format!("GET /api/stream HTTP/1.1\r\nHost: {}\r\n\r\n", page.address);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::teach::Teacher;
+use crate::teacher::Teacher;
 
 /// Writes the report of a recording, and returns its file.
 pub type Reporter = Arc<dyn Fn(&Path) -> Result<PathBuf, String> + Send + Sync>;

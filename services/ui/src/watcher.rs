@@ -17,7 +17,7 @@ use tangent_schemas::topics;
 use crate::UiError;
 use crate::commands::{Command, Who};
 use crate::lock;
-use crate::server::Shared;
+use crate::shared::Shared;
 use crate::snapshot::{Estimator, Force, Snapshot, Space, Task, lights, round};
 
 /// Interval of the snapshots.
