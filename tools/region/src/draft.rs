@@ -1,13 +1,14 @@
 //! The task of a region: the plane, the strokes, the expected surface, and the start pose.
 
 use nalgebra::Vector2;
+use tangent_control::fill::area_m2;
 use tangent_control::{ExpectedSurface, Pattern, Task};
 use tangent_mechanics::{Flange, ModelData, Pose, Tool};
 
 use crate::error::RegionError;
-use crate::fill::{Fill, NODES_PER_SPACING, area_m2, fill, length_m};
+use crate::fill::{Fill, Filled, NODES_PER_SPACING, fill, length_m};
 use crate::height_map::{HeightMap, NODES_MAX};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, bounds};
 use crate::patch::{Selection, area_vector, select, unit};
 use crate::plane::TaskPlane;
 use crate::scan;
@@ -132,11 +133,11 @@ pub fn draft(mesh: &Mesh, options: &RegionOptions<'_>) -> Result<Draft, RegionEr
         margin_m: options.margin_m.unwrap_or(margin_share * options.radius_m),
         edge_pass: options.edge_pass,
     };
-    // The order begins at the corner of the region with the least x and y.
-    let corner = map.low;
-    let filled = fill(&map, &how, corner)?;
-    let at = touch(&map, &filled, options.touch_m)?;
-    finish(&map, &how, at, options, notes)
+    let filled = fill(&map, &how)?;
+    // In an order that begins at the corner of the region with the least x and y.
+    let first = filled.ordered(map.low)[0].points[0];
+    let at = touch(&map, first, options.touch_m)?;
+    finish(&map, &how, &filled, at, options, notes)
 }
 
 fn of_mesh(
@@ -159,7 +160,7 @@ fn of_mesh(
     };
     let origin = mesh.corners(patch[0])[0];
     let along = unit(&options.rows_along, "--rows-along")?;
-    let plane = TaskPlane::new(origin, &normal, &along, 0.0);
+    let plane = TaskPlane::new(origin, &normal, &along);
     if options.selection == Selection::All {
         // What faces away is the other side of the part.
         patch.retain(|i| mesh.normal(*i).dot(&normal) > 0.0);
@@ -173,16 +174,8 @@ fn of_mesh(
                 .to_owned(),
         ));
     }
-    let (low, high) = (patch.iter().flat_map(|i| mesh.corners(*i))).fold(
-        (
-            Vector2::repeat(f64::INFINITY),
-            Vector2::repeat(f64::NEG_INFINITY),
-        ),
-        |(low, high), v| {
-            let place = plane.place(&v).xy();
-            (low.inf(&place), high.sup(&place))
-        },
-    );
+    let corners = patch.iter().flat_map(|i| mesh.corners(*i));
+    let (low, high) = bounds(corners.map(|v| plane.place(&v).xy()));
     let cell_m = cell_m(high - low, spacing_m)?;
     let map = HeightMap::of_mesh(mesh, &patch, &plane, cell_m, AROUND_M)?;
     Ok((map, Vec::new()))
@@ -195,19 +188,10 @@ fn near_outline(
     plane: &TaskPlane,
     outline: &[[f64; 3]],
 ) -> Vec<usize> {
-    let bounds = |points: &mut dyn Iterator<Item = Vector2<f64>>| {
-        points.fold(
-            (
-                Vector2::repeat(f64::INFINITY),
-                Vector2::repeat(f64::NEG_INFINITY),
-            ),
-            |(low, high), p| (low.inf(&p), high.sup(&p)),
-        )
-    };
-    let around = bounds(&mut outline.iter().map(|p| plane.place(&(*p).into()).xy()));
+    let around = bounds(outline.iter().map(|p| plane.place(&(*p).into()).xy()));
     (patch.into_iter())
         .filter(|index| {
-            let own = bounds(&mut mesh.corners(*index).iter().map(|v| plane.place(v).xy()));
+            let own = bounds(mesh.corners(*index).iter().map(|v| plane.place(v).xy()));
             own.0.x <= around.1.x
                 && own.0.y <= around.1.y
                 && own.1.x >= around.0.x
@@ -272,17 +256,16 @@ fn check(options: &RegionOptions<'_>) -> Result<(), RegionError> {
 fn finish(
     map: &HeightMap,
     how: &Fill,
+    filled: &Filled,
     at: Vector2<f64>,
     options: &RegionOptions<'_>,
     mut notes: Vec<String>,
 ) -> Result<Draft, RegionError> {
     let height_m = map.height_m(&at).unwrap_or_default();
     let plane = map.plane.moved_to(&at, height_m);
-    // The strokes nearest to the tool first.
-    let filled = fill(map, how, at)?;
     let shifted =
         |ring: &[Vector2<f64>]| -> Vec<[f64; 2]> { ring.iter().map(|p| (p - at).into()).collect() };
-    let surface: ExpectedSurface = expected(map, &filled, &at, height_m);
+    let surface: ExpectedSurface = expected(map, filled, &at, height_m);
     let rings_m: Vec<_> = filled.edge.rings.iter().map(|ring| shifted(ring)).collect();
     let normal = map.normal(&at, 2.0 * map.cell_m);
     let start_joints_rad = match options.arm {
@@ -299,8 +282,9 @@ fn finish(
             "the region has several parts: coverage is judged within the largest one".to_owned(),
         );
     }
-    let strokes: Vec<_> = (filled.strokes.iter())
-        .map(|stroke| (shifted(&stroke.points), stroke.lifts))
+    // The strokes nearest to the tool first.
+    let strokes: Vec<_> = (filled.ordered(at).iter())
+        .map(|stroke| shifted(&stroke.points))
         .collect();
     let text = text(
         options,
@@ -323,7 +307,7 @@ fn finish(
     Ok(Draft {
         strokes: strokes.len(),
         lifts: program.path.lifts(),
-        length_m: filled.strokes.iter().map(|s| length_m(&s.points)).sum(),
+        length_m: filled.strokes.iter().map(|s| length_m(s)).sum(),
         area_cm2: map.area_m2() * 1e4,
         steepest_deg: steepest_deg(map),
         text,

@@ -9,6 +9,7 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use nalgebra::Vector2;
+use tangent_control::fill::nearest_on;
 
 use crate::height_map::HeightMap;
 
@@ -31,13 +32,13 @@ pub(crate) fn edge_distance(map: &HeightMap) -> Vec<f64> {
         for j in range(low.y, high.y, map.rows) {
             for i in range(low.x, high.x, map.columns) {
                 let node = j * map.columns + i;
-                let mut way = b - a;
-                let mut off = map.place(node).push(map.heights_m[node]) - a;
-                if !off.z.is_finite() {
-                    (off.z, way.z) = (0.0, 0.0);
-                }
-                let share = off.dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE);
-                let away_m = (off - way * share.clamp(0.0, 1.0)).norm();
+                let (place, height_m) = (map.place(node), map.heights_m[node]);
+                let away_m = if height_m.is_finite() {
+                    let place = place.push(height_m);
+                    (nearest_on(a, b, &place) - place).norm()
+                } else {
+                    (nearest_on(&a.xy(), &b.xy(), &place) - place).norm()
+                };
                 beside[node] = beside[node].min(away_m);
             }
         }

@@ -2,14 +2,15 @@
 
 use nalgebra::Vector2;
 use tangent_control::Pattern;
-use tangent_control::fill::{Ordered, Points, Polygon, Ring, ordered, spiral_of};
+use tangent_control::fill::{
+    Ordered, Points, Polygon, Ring, area_m2, ordered, simplify, spiral_of,
+};
 
 use crate::edge_distance::edge_distance;
 use crate::error::RegionError;
 use crate::height_map::HeightMap;
 use crate::isoline::Field;
 use crate::rows::rows;
-use crate::simplify::simplify;
 
 /// Least number of nodes between strokes.
 pub(crate) const NODES_PER_SPACING: f64 = 5.0;
@@ -25,6 +26,7 @@ const SHORT_SHARE: f64 = 0.1;
 const CORE_SHARE: f64 = 0.5;
 /// Share of the spacing by which the way between two strokes may leave the region less its margin.
 const OVER_SHARE: f64 = 0.1;
+
 /// How a region is filled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fill {
@@ -38,20 +40,31 @@ pub struct Fill {
     pub edge_pass: bool,
 }
 
-/// Strokes over the plane, and the edges that they keep.
+/// Strokes over the plane, not in an order yet, and the edges that they keep.
 #[derive(Clone, Debug)]
 pub struct Filled {
-    /// Strokes in their order.
-    pub strokes: Vec<Ordered>,
+    /// Strokes, m.
+    pub strokes: Vec<Points>,
     /// Edge of the region: the outline first, then holes, m.
     pub edge: Polygon,
+    /// Edge of the region less its margin.
+    within: Polygon,
+    /// By how much a way between two strokes may leave that, m.
+    over_m: f64,
 }
 
-/// Fills a region; the order begins at `start` (m).
+impl Filled {
+    /// The strokes in an order that begins near `start` (m).
+    pub fn ordered(&self, start: Vector2<f64>) -> Vec<Ordered> {
+        ordered(self.strokes.clone(), start, &self.within, self.over_m)
+    }
+}
+
+/// Fills a region.
 ///
 /// # Errors
 /// Nothing is left inside the margin, or there are too many strokes.
-pub fn fill(map: &HeightMap, fill: &Fill, start: Vector2<f64>) -> Result<Filled, RegionError> {
+pub fn fill(map: &HeightMap, fill: &Fill) -> Result<Filled, RegionError> {
     let distance = edge_distance(map);
     let whole = field(map, &distance);
     let at_edge = whole.rings(EDGE_M);
@@ -61,12 +74,15 @@ pub fn fill(map: &HeightMap, fill: &Fill, start: Vector2<f64>) -> Result<Filled,
             margin_m: fill.margin_m,
         });
     }
-    let within = polygon(at_margin);
+    let within = polygon(&at_margin);
     let rings = || rings(map, &distance, fill);
     let strokes = match fill.pattern {
         Pattern::Raster => {
-            let edges = whole.rings(fill.margin_m.max(EDGE_M));
-            let mut strokes = if fill.edge_pass { edges } else { Vec::new() };
+            let mut strokes = if fill.edge_pass {
+                at_margin
+            } else {
+                Vec::new()
+            };
             strokes.extend(rows(map, &within, fill.spacing_m));
             strokes
         }
@@ -90,11 +106,11 @@ pub fn fill(map: &HeightMap, fill: &Fill, start: Vector2<f64>) -> Result<Filled,
             margin_m: fill.margin_m,
         });
     }
-    let over_m = (OVER_SHARE * fill.spacing_m).max(TOLERANCE_M);
-    let strokes = ordered(strokes, start, &within, over_m);
     Ok(Filled {
         strokes,
-        edge: polygon(at_edge),
+        edge: polygon(&at_edge),
+        within,
+        over_m: (OVER_SHARE * fill.spacing_m).max(TOLERANCE_M),
     })
 }
 
@@ -154,7 +170,7 @@ fn cores(map: &HeightMap, distance: &[f64], core: f64, next: f64) -> Vec<f64> {
 }
 
 /// Rings without their repeated points, the largest first.
-fn polygon(rings: Vec<Points>) -> Polygon {
+fn polygon(rings: &[Points]) -> Polygon {
     let mut rings: Vec<Points> = (rings.iter())
         .map(|ring| {
             let mut ring = simplify(ring, TOLERANCE_M);
@@ -165,12 +181,6 @@ fn polygon(rings: Vec<Points>) -> Polygon {
         .collect();
     rings.sort_by(|a, b| area_m2(b).abs().total_cmp(&area_m2(a).abs()));
     Polygon { rings }
-}
-
-/// Area of a ring, m²; positive if it runs counterclockwise.
-pub(crate) fn area_m2(ring: &[Vector2<f64>]) -> f64 {
-    let next = ring.iter().cycle().skip(1);
-    0.5 * (ring.iter().zip(next)).map(|(a, b)| a.perp(b)).sum::<f64>()
 }
 
 pub(crate) fn length_m(line: &[Vector2<f64>]) -> f64 {

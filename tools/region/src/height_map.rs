@@ -7,7 +7,7 @@ use nalgebra::{Vector2, Vector3};
 use tangent_control::fill::Polygon;
 
 use crate::error::RegionError;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, bounds};
 use crate::patch::edges;
 use crate::plane::TaskPlane;
 
@@ -82,13 +82,7 @@ impl HeightMap {
         around_m: f64,
     ) -> Result<Self, RegionError> {
         let corners = |index: usize| mesh.corners(index).map(|v| plane.place(&v));
-        let start = (
-            Vector2::repeat(f64::INFINITY),
-            Vector2::repeat(f64::NEG_INFINITY),
-        );
-        let (low, high) = (patch.iter().flat_map(|i| corners(*i))).fold(start, |(low, high), v| {
-            (low.inf(&v.xy()), high.sup(&v.xy()))
-        });
+        let (low, high) = bounds(patch.iter().flat_map(|i| corners(*i)).map(|v| v.xy()));
         let around = Vector2::repeat(around_m);
         let mut map = Self::empty(*plane, low - around, high + around, cell_m);
         let steep_max = STEEP_MAX_DEG.to_radians().cos();

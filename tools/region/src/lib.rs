@@ -17,7 +17,6 @@ mod patch;
 mod plane;
 mod rows;
 mod scan;
-mod simplify;
 mod start_pose;
 mod surface;
 mod text;

@@ -4,6 +4,8 @@ use std::collections::HashMap;
 
 use nalgebra::{Unit, Vector3};
 
+use tangent_control::fill::nearest_on;
+
 use crate::error::RegionError;
 use crate::mesh::Mesh;
 
@@ -125,10 +127,6 @@ fn distance_m([a, b, c]: &[Vector3<f64>; 3], at: &Vector3<f64>) -> f64 {
     }
     [(a, b), (b, c), (c, a)]
         .iter()
-        .map(|(from, to)| {
-            let along = *to - *from;
-            let share = (at - *from).dot(&along) / along.norm_squared();
-            (at - *from - along * share.clamp(0.0, 1.0)).norm()
-        })
+        .map(|(from, to)| (nearest_on(from, to, at) - at).norm())
         .fold(f64::INFINITY, f64::min)
 }

@@ -17,18 +17,10 @@ pub struct TaskPlane {
 }
 
 impl TaskPlane {
-    /// The plane with a normal and the projection of an x axis, as the law sets it up. The rows of
-    /// a raster, which are parallel to x, are turned by `angle_rad`.
-    pub fn new(
-        origin: Vector3<f64>,
-        normal: &Vector3<f64>,
-        x_axis: &Vector3<f64>,
-        angle_rad: f64,
-    ) -> Self {
+    /// The plane with a normal and the projection of an x axis, as the law sets it up.
+    pub fn new(origin: Vector3<f64>, normal: &Vector3<f64>, x_axis: &Vector3<f64>) -> Self {
         let normal = normal.normalize();
         let (x, y) = plane_axes(&normal, x_axis);
-        let turned = x * angle_rad.cos() + y * angle_rad.sin();
-        let (x, y) = plane_axes(&normal, &turned);
         Self {
             origin,
             x,
@@ -53,7 +45,7 @@ impl TaskPlane {
         self.x * direction.x + self.y * direction.y + self.normal * direction.z
     }
 
-    /// The same plane with its origin at a place of it and a height.
+    /// This plane with its origin moved to a place in it and a height over it, m.
     pub fn moved_to(&self, at: &Vector2<f64>, height_m: f64) -> Self {
         Self {
             origin: self.in_base(&at.push(height_m)),

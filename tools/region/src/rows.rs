@@ -17,9 +17,13 @@ const HALVINGS: u32 = 40;
 /// Rows within a polygon, no further apart along the surface than `spacing_m`.
 pub(crate) fn rows(map: &HeightMap, within: &Polygon, spacing_m: f64) -> Vec<Points> {
     let (low, high) = within.bounds();
+    let cut = |y: f64| -> Vec<Points> {
+        let chords = within.chords(y).into_iter();
+        chords.map(|ends| ends.to_vec()).collect()
+    };
     let (first, last) = (low.y + INSIDE_M, high.y - INSIDE_M);
     if last <= first {
-        return cut(within, 0.5 * (low.y + high.y));
+        return cut(0.5 * (low.y + high.y));
     }
     let ways = Ways::of(map, within);
     let place = |spacing_m: f64| ways.rows(first, last, spacing_m);
@@ -35,20 +39,7 @@ pub(crate) fn rows(map: &HeightMap, within: &Polygon, spacing_m: f64) -> Vec<Poi
         }
     }
     let places = place(even_m);
-    places.into_iter().flat_map(|y| cut(within, y)).collect()
-}
-
-/// Parts of the line at `y` that are inside.
-fn cut(polygon: &Polygon, y: f64) -> Vec<Points> {
-    let mut xs: Vec<f64> = polygon
-        .edges()
-        .filter(|(a, b)| (a.y > y) != (b.y > y))
-        .map(|(a, b)| a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x))
-        .collect();
-    xs.sort_by(f64::total_cmp);
-    xs.chunks_exact(2)
-        .map(|x| vec![Vector2::new(x[0], y), Vector2::new(x[1], y)])
-        .collect()
+    places.into_iter().flat_map(cut).collect()
 }
 
 /// Ways along the surface at constant x, between the rows of the grid.

@@ -1,8 +1,8 @@
 //! The points of a scan as heights over the plane of a task.
 //!
 //! Each node takes the median height of the points around it, and nodes that stand out take that of
-//! their neighbours. Gaps of a few nodes are closed, the
-//! heights are smoothed, and the largest connected part is kept.
+//! their neighbours. Gaps of a few nodes are closed, the heights are smoothed, and the largest
+//! connected part is kept.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -10,7 +10,7 @@ use crate::draft::{RegionOptions, cell_m};
 use crate::error::RegionError;
 use crate::height_map::HeightMap;
 use crate::isoline::Field;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, bounds};
 use crate::patch::unit;
 use crate::plane::TaskPlane;
 
@@ -41,7 +41,7 @@ pub(crate) fn map(
         }
     };
     let along = unit(&options.rows_along, "--rows-along")?;
-    let plane = TaskPlane::new(points.vertices[0], &normal, &along, 0.0);
+    let plane = TaskPlane::new(points.vertices[0], &normal, &along);
     let mut places: Vec<Vector3<f64>> = points.vertices.iter().map(|v| plane.place(v)).collect();
     if let Some(outline) = &options.outline_m {
         let ring: Vec<[f64; 2]> = (outline.iter())
@@ -59,13 +59,7 @@ pub(crate) fn map(
             places.len()
         )));
     }
-    let (low, high) = places.iter().fold(
-        (
-            Vector2::repeat(f64::INFINITY),
-            Vector2::repeat(f64::NEG_INFINITY),
-        ),
-        |(low, high), p| (low.inf(&p.xy()), high.sup(&p.xy())),
-    );
+    let (low, high) = bounds(places.iter().map(|p| p.xy()));
     let size = high - low;
     let apart_m = (size.x * size.y / places.len() as f64).sqrt();
     let cell_m = cell_m(size, spacing_m)?.max(POINTS_PER_CELL * apart_m);

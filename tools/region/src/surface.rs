@@ -23,8 +23,11 @@ pub(crate) fn expected(
     at: &Vector2<f64>,
     height_m: f64,
 ) -> ExpectedSurface {
-    let strokes = filled.strokes.iter().flat_map(|s| &s.points);
-    let points = strokes.chain(filled.edge.rings.iter().flatten());
+    let points = filled
+        .strokes
+        .iter()
+        .flatten()
+        .chain(filled.edge.rings.iter().flatten());
     let (low, high) = points.fold((*at, *at), |(low, high), p| (low.inf(p), high.sup(p)));
     let border = Vector2::repeat(BORDER_M);
     let (low, high) = (low - border, high + border);

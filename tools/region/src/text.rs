@@ -14,7 +14,7 @@ pub(crate) fn text(
     options: &RegionOptions<'_>,
     fill: &Fill,
     plane: &TaskPlane,
-    strokes: &[(Vec<[f64; 2]>, bool)],
+    strokes: &[Vec<[f64; 2]>],
     surface: &ExpectedSurface,
     rings_m: &[Vec<[f64; 2]>],
     start_joints_rad: &[f64],
@@ -71,7 +71,7 @@ pub(crate) fn text(
          [path]\nkind = \"strokes\"\nspeed_m_per_s = {:?}\n",
         options.speed_m_per_s
     );
-    for (stroke, _) in strokes {
+    for stroke in strokes {
         text += &format!("\n[[path.strokes]]\npoints_m = {}\n", points(stroke));
     }
     let heights: Vec<String> = (surface.heights_m.chunks(surface.columns))

@@ -3,7 +3,6 @@
 use nalgebra::Vector2;
 
 use crate::error::RegionError;
-use crate::fill::Filled;
 use crate::height_map::HeightMap;
 
 /// Distance from the first stroke, m: the tool explores the surface where it touches down, and the
@@ -18,11 +17,11 @@ const DIRECTIONS: u32 = 24;
 /// Least cosine between the surface there and the approach.
 const COSINE_MIN: f64 = 0.7;
 
-/// The place over the plane, m: as given, or beside the first stroke where there is a surface
-/// outside the region, or else the start of the first stroke.
+/// The place over the plane, m: as given, or beside `first`, the start of the first stroke, where
+/// there is a surface outside the region, or else `first`.
 pub(crate) fn touch(
     map: &HeightMap,
-    filled: &Filled,
+    first: Vector2<f64>,
     given_m: Option<[f64; 3]>,
 ) -> Result<Vector2<f64>, RegionError> {
     if let Some(given) = given_m {
@@ -36,7 +35,6 @@ pub(crate) fn touch(
         }
         return Ok(at);
     }
-    let first = filled.strokes[0].points[0];
     let beside = (0..DIRECTIONS).map(|k| {
         let angle = std::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS);
         first + Vector2::new(angle.cos(), angle.sin()) * BESIDE_M

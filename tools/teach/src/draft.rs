@@ -5,12 +5,12 @@ use std::ops::RangeInclusive;
 use nalgebra::{Vector2, Vector3};
 use tangent_control::Task;
 use tangent_control::contact::alignment::plane_axes;
+use tangent_control::fill::{area_m2, simplify};
 use tangent_mechanics::{Flange, ModelData, Pose, Tool};
 
 use crate::error::TeachError;
 use crate::lesson::{Lesson, Mark, Shown};
 use crate::start_pose;
-use crate::stroke::simplify;
 
 /// Distance below which two places of the path are one, m.
 const SAME_M: f64 = 0.0005;
@@ -214,10 +214,7 @@ fn check(places: &[Vector2<f64>], shape: Shape) -> Result<(), TeachError> {
         count => format!("{count} places were"),
     };
     if shape != Shape::Open {
-        let twice_area: f64 = (0..places.len())
-            .map(|i| places[i].perp(&places[(i + 1) % places.len()]))
-            .sum();
-        if places.len() < 3 || 0.5 * twice_area.abs() < 1e-5 {
+        if places.len() < 3 || area_m2(places).abs() < 1e-5 {
             return Err(TeachError::TooFew {
                 shown,
                 wanted: "an outline needs three places around at least 10 mm²",

@@ -13,7 +13,6 @@ mod guide;
 mod lesson;
 mod session;
 mod start_pose;
-mod stroke;
 
 pub use arm_lesson::ArmLesson;
 pub use draft::{CLEARANCE_M, Draft, DraftOptions, SPACING_M, Shape, TOLERANCE_M, draft};

@@ -180,7 +180,7 @@ pub struct ForceSpec {
 }
 
 impl ForceSpec {
-    /// The same force everywhere, N.
+    /// One pressing force on the whole path, N.
     pub fn constant(reference_n: f64) -> Self {
         Self {
             reference_n,

@@ -7,7 +7,7 @@ mod stl;
 
 use std::collections::HashMap;
 
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 use tangent_mechanics::{Base, Pose};
 
 use crate::error::RegionError;
@@ -60,7 +60,7 @@ impl Mesh {
                 count.saturating_sub(1)
             ));
         }
-        let (low, high) = bounds(&vertices);
+        let (low, high) = bounds(vertices.iter().copied());
         let size = (high - low).amax();
         let unit = (size * SAME_SHARE).max(f64::MIN_POSITIVE);
         let mut seen: HashMap<[i64; 3], u32> = HashMap::new();
@@ -127,7 +127,7 @@ impl Mesh {
         if !(1e-6..=1e3).contains(&scale) {
             return Err(RegionError::option("--scale", scale, "0.000001 to 1000"));
         }
-        let (low, high) = bounds(&self.vertices);
+        let (low, high) = bounds(self.vertices.iter().copied());
         let size_m = (high - low).amax() * scale;
         if !(SIZE_M.0..=SIZE_M.1).contains(&size_m) {
             return Err(RegionError::Size { size_m });
@@ -160,16 +160,11 @@ impl Mesh {
     }
 }
 
-/// Least and greatest coordinates.
-pub(crate) fn bounds(points: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
-    let start = (
-        Vector3::repeat(f64::INFINITY),
-        Vector3::repeat(f64::NEG_INFINITY),
-    );
-    let (low, high) = (points.iter()).fold(start, |(low, high), p| (low.inf(p), high.sup(p)));
-    if points.is_empty() {
-        (Vector3::zeros(), Vector3::zeros())
-    } else {
-        (low, high)
-    }
+/// Least and greatest coordinates; zero without a point.
+pub(crate) fn bounds<const D: usize>(
+    points: impl IntoIterator<Item = SVector<f64, D>>,
+) -> (SVector<f64, D>, SVector<f64, D>) {
+    (points.into_iter().map(|p| (p, p)))
+        .reduce(|(low, high), (p, _)| (low.inf(&p), high.sup(&p)))
+        .unwrap_or_else(|| (SVector::zeros(), SVector::zeros()))
 }

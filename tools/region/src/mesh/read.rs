@@ -54,8 +54,10 @@ pub(crate) fn parse(bytes: &[u8], ending: &str) -> Result<Mesh, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use nalgebra::Vector3;
     use proptest::prelude::*;
+
+    use super::*;
 
     const STL: &str = "solid a
         facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex 0 1 0 endloop endfacet
@@ -133,8 +135,6 @@ mod tests {
             }
         }
     }
-
-    use nalgebra::Vector3;
 
     #[test]
     fn a_file_that_lies_is_refused_with_what_is_wrong() {

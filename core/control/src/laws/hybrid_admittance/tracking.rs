@@ -63,7 +63,8 @@ impl Tracking {
         }
     }
 
-    /// The same, for a path that is drawn over the plane if `over_plane`.
+    /// With points of the path that are places over the plane, if `over_plane`, instead of lengths
+    /// along the surface.
     pub(crate) fn drawn_over_plane(self, over_plane: bool) -> Self {
         Self { over_plane, ..self }
     }

@@ -5,12 +5,14 @@
 pub(crate) mod order;
 mod pattern;
 pub(crate) mod polygon;
+mod simplify;
 
-/// Patterns and their order, for tools that fill regions of their own.
+/// Polygons, patterns and their order, for tools that draw or fill regions of their own.
 pub mod fill {
     pub use super::order::{Ordered, Points, ordered};
     pub use super::pattern::{Ring, spiral_of};
-    pub use super::polygon::Polygon;
+    pub use super::polygon::{Polygon, area_m2, nearest_on};
+    pub use super::simplify::simplify;
 }
 
 use nalgebra::Vector2;

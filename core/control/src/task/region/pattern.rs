@@ -28,18 +28,8 @@ pub(crate) fn raster(polygon: &Polygon, spacing_m: f64, angle_rad: f64) -> Vec<P
     let mut rows = Vec::new();
     for row in 0..=gaps {
         let y = low.y + INSIDE_M + height * row as f64 / gaps as f64;
-        let mut xs: Vec<f64> = turned
-            .edges()
-            .filter(|(a, b)| (a.y > y) != (b.y > y))
-            .map(|(a, b)| a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x))
-            .collect();
-        xs.sort_by(f64::total_cmp);
-        for pair in xs.chunks_exact(2) {
-            rows.push(vec![
-                back * Vector2::new(pair[0], y),
-                back * Vector2::new(pair[1], y),
-            ]);
-        }
+        let chords = turned.chords(y).into_iter();
+        rows.extend(chords.map(|ends| ends.map(|end| back * end).to_vec()));
     }
     rows
 }

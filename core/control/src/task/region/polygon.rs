@@ -5,7 +5,7 @@
 
 use i_overlay::mesh::float::outline::offset::OutlineOffset;
 use i_overlay::mesh::float::style::{LineJoin, OutlineStyle};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{SVector, Vector2, Vector3};
 
 /// Angle of one segment of a rounded corner, rad.
 const ROUND_RAD: f64 = 0.12;
@@ -60,6 +60,19 @@ impl Polygon {
         Self {
             rings: rings.collect(),
         }
+    }
+
+    /// Parts of the line at `y` that are inside, from the least x on, m.
+    pub fn chords(&self, y: f64) -> Vec<[Vector2<f64>; 2]> {
+        let mut xs: Vec<f64> = self
+            .edges()
+            .filter(|(a, b)| (a.y > y) != (b.y > y))
+            .map(|(a, b)| a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x))
+            .collect();
+        xs.sort_by(f64::total_cmp);
+        xs.chunks_exact(2)
+            .map(|ends| [Vector2::new(ends[0], y), Vector2::new(ends[1], y)])
+            .collect()
     }
 
     /// Whether nothing is inside.
@@ -157,13 +170,17 @@ impl Polygon {
 }
 
 /// Area of a ring, m²; positive if it runs counterclockwise.
-pub(crate) fn area_m2(ring: &[Vector2<f64>]) -> f64 {
+pub fn area_m2(ring: &[Vector2<f64>]) -> f64 {
     let next = ring.iter().cycle().skip(1);
     0.5 * (ring.iter().zip(next)).map(|(a, b)| a.perp(b)).sum::<f64>()
 }
 
-/// Point of the segment from `a` to `b` that is nearest to `point`.
-pub(crate) fn nearest_on(a: &Vector2<f64>, b: &Vector2<f64>, point: &Vector2<f64>) -> Vector2<f64> {
+/// Point of the segment from `a` to `b` that is nearest to `point`, in the plane or in space.
+pub fn nearest_on<const D: usize>(
+    a: &SVector<f64, D>,
+    b: &SVector<f64, D>,
+    point: &SVector<f64, D>,
+) -> SVector<f64, D> {
     let along = b - a;
     let length2 = along.norm_squared();
     if length2 == 0.0 {
@@ -174,11 +191,7 @@ pub(crate) fn nearest_on(a: &Vector2<f64>, b: &Vector2<f64>, point: &Vector2<f64
 
 /// Distance of a place from the nearest of some segments, m.
 pub(crate) fn nearest_in_space(segments: &[[Vector3<f64>; 2]], place: &Vector3<f64>) -> f64 {
-    let away2 = |[a, b]: &[Vector3<f64>; 2]| {
-        let along = b - a;
-        let share = (place - a).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
-        (a + along * share.clamp(0.0, 1.0) - place).norm_squared()
-    };
+    let away2 = |[a, b]: &[Vector3<f64>; 2]| (nearest_on(a, b, place) - place).norm_squared();
     segments
         .iter()
         .map(away2)

@@ -1,11 +1,13 @@
-//! Simplifies a stroke: Ramer-Douglas-Peucker, so that no sample is further from the result than
-//! the tolerance.
+//! Leaves out points of a line that it does not need: Ramer-Douglas-Peucker, so that no point is
+//! further from the result than the tolerance.
 
 use nalgebra::Vector2;
 
+use super::polygon::nearest_on;
+
 /// Those of `points` (m) that stay: the first, the last, and as many between as the tolerance (m)
-/// needs.
-pub(crate) fn simplify(points: &[Vector2<f64>], tolerance_m: f64) -> Vec<Vector2<f64>> {
+/// needs. A closed ring stays closed.
+pub fn simplify(points: &[Vector2<f64>], tolerance_m: f64) -> Vec<Vector2<f64>> {
     let Some(last) = points.len().checked_sub(1) else {
         return Vec::new();
     };
@@ -31,14 +33,7 @@ pub(crate) fn simplify(points: &[Vector2<f64>], tolerance_m: f64) -> Vec<Vector2
 
 /// Distance of `point` from the line segment between `a` and `b`, m.
 fn distance_m(point: &Vector2<f64>, a: &Vector2<f64>, b: &Vector2<f64>) -> f64 {
-    let along = b - a;
-    let square = along.norm_squared();
-    let share = if square > 0.0 {
-        ((point - a).dot(&along) / square).clamp(0.0, 1.0)
-    } else {
-        0.0
-    };
-    (point - (a + along * share)).norm()
+    (nearest_on(a, b, point) - point).norm()
 }
 
 #[cfg(test)]
@@ -72,6 +67,22 @@ mod tests {
                 .map(|pair| distance_m(point, &pair[0], &pair[1]))
                 .fold(f64::INFINITY, f64::min);
             assert!(nearest <= 2e-3 + 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_ring_keeps_its_shape_and_stays_closed() {
+        let ring: Vec<_> = (0..=400)
+            .map(|k| {
+                let (sin, cos) = (f64::from(k % 400) * std::f64::consts::TAU / 400.0).sin_cos();
+                Vector2::new(cos, sin) * 0.05
+            })
+            .collect();
+        let found = simplify(&ring, 1e-4);
+        assert!((20..80).contains(&found.len()), "{}", found.len());
+        assert_eq!(found[0], found[found.len() - 1]);
+        for ends in found.windows(2) {
+            assert!(0.05 - (0.5 * (ends[0] + ends[1])).norm() < 1.1e-4);
         }
     }
 }
