@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::json;
-use tangent_control::CoverageResult;
+use tangent_report::coverage;
 use tangent_simulated_cell::scenarios;
 use tangent_simulation::metrics::Spread;
 use tangent_simulation::metrics::object::ObjectFigures;
@@ -209,7 +209,10 @@ fn print(e: &Evaluation) {
         ),
     );
     if let Some(c) = &e.coverage {
-        row("coverage", coverage(c));
+        row("coverage", coverage::sentence(c));
+        for detail in coverage::details(c) {
+            row("", detail);
+        }
     }
     if let Some(o) = &e.object_pose {
         print_object(o, &mut row);
@@ -222,24 +225,6 @@ fn print(e: &Evaluation) {
     }
     row("digest", e.state_digest.clone());
     table.print(2);
-}
-
-fn coverage(c: &CoverageResult) -> String {
-    let percent: Vec<String> = (c.share_by_round.iter())
-        .map(|share| format!("{:.1}", share * 100.0))
-        .collect();
-    format!(
-        "{:.1} % of {:.1} cm² within the band ({} after each round), {} holes with {:.2} cm², {:.2} cm² above it, \
-         {:.2} to {:.2} N s/cm²",
-        c.share * 100.0,
-        c.area_cm2,
-        percent.join(", "),
-        c.holes,
-        c.under_cm2,
-        c.over_cm2,
-        c.dose_n_s_per_cm2[0],
-        c.dose_n_s_per_cm2[1]
-    )
 }
 
 fn print_tactile(e: &Evaluation, t: &VisuoTactileFigures, row: &mut impl FnMut(&str, String)) {

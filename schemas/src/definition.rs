@@ -20,8 +20,8 @@ files! {
         "TransformStamped" "Twist" "Vector3" "Wrench" "WrenchStamped";
     "sensor_msgs": "CameraInfo" "CompressedImage" "Image" "JointState" "RegionOfInterest";
     "std_msgs": "ColorRGBA" "Header" "String";
-    "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "Feature" "FeatureArray" "Health"
-        "NormalEstimate" "ObjectEstimate" "OperatorCommand" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
+    "tangent_msgs": "Answer" "ArmCommand" "ArmState" "ContactTruth" "ControlState" "CoverageState" "Feature" "FeatureArray"
+        "Health" "NormalEstimate" "ObjectEstimate" "OperatorCommand" "Request" "ShapingState" "SurfaceAhead" "SurfaceSegment"
         "WrenchBatch" "WrenchStatus";
     "tf2_msgs": "TFMessage";
     "visualization_msgs": "Marker" "MarkerArray" "MeshFile" "UVCoordinate";

@@ -47,6 +47,9 @@ pub type JointArray = ArrayVec<f64, 7>;
 /// Names and ages of the estimators that a controller reads: at most 16.
 pub type EstimatorArray<T> = ArrayVec<T, 16>;
 
+/// One number per round of a task with coverage; a task has at most 20.
+pub type RoundArray = ArrayVec<f64, 20>;
+
 /// A message type: its ROS 2 name, and CDR through serde.
 pub trait Message:
     Clone + Default + Send + Sync + serde::Serialize + serde::de::DeserializeOwned + 'static

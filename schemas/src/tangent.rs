@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::covariance::Covariance;
 use crate::standard::{Header, Point, Pose, Twist, Vector3, Wrench};
-use crate::{EstimatorArray, JointArray, Name, Text, message};
+use crate::{EstimatorArray, JointArray, Name, RoundArray, Text, message};
 
 message! {
     /// State of the arm. Published once per robot packet.
@@ -382,6 +382,38 @@ message! {
         pub rho_align: f64,
         /// Share of the force reference in use, 0 to 1.
         pub rho_force: f64,
+    }
+}
+
+message! {
+    /// What a task with `[coverage]` has covered, by the map of dose of its law. Published at the
+    /// end of each round, and at the end of a task that ends before its last round does.
+    pub struct CoverageState: "tangent_msgs/msg/CoverageState" {
+        /// Header of the `ControlState` of the same cycle.
+        pub header: Header,
+        pub cycle: u64,
+        pub task: Name,
+        pub activation: u64,
+        /// Outcome: 0 open (a further round follows), 1 target met, 2 all rounds used, 3 no stroke
+        /// reaches what is missing, 4 the task ended before.
+        pub outcome: u8,
+        pub outcome_text: Text,
+        /// Share of the region within the band at the end of each round, and now, and the share
+        /// that the task asks for, 0 to 1.
+        pub share_by_round: RoundArray,
+        pub share: f64,
+        pub share_min: f64,
+        /// Area of the region, and of its parts below and above the band, cm^2.
+        pub area_cm2: f64,
+        pub under_cm2: f64,
+        pub over_cm2: f64,
+        /// Number of connected areas below the band; area of the largest one, cm^2, and its middle
+        /// in the path's plane, m.
+        pub holes: u32,
+        pub largest_hole_cm2: f64,
+        pub largest_hole_m: [f64; 2],
+        /// Least and most dose in the region, N*s/cm^2.
+        pub dose_n_s_per_cm2: [f64; 2],
     }
 }
 

@@ -10,8 +10,9 @@ use crate::standard::{
     TFMessage, WrenchStamped,
 };
 use crate::tangent::{
-    ArmCommand, ArmState, ContactTruth, ControlState, FeatureArray, Health, NormalEstimate,
-    ObjectEstimate, OperatorCommand, ShapingState, SurfaceAhead, SurfaceSegment, WrenchStatus,
+    ArmCommand, ArmState, ContactTruth, ControlState, CoverageState, FeatureArray, Health,
+    NormalEstimate, ObjectEstimate, OperatorCommand, ShapingState, SurfaceAhead, SurfaceSegment,
+    WrenchStatus,
 };
 
 /// How a topic is sent to other processes. Within a process, every message is delivered in the
@@ -144,6 +145,9 @@ pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Deliver
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
 /// How the law adapts stiffness and force; once per cycle, by laws that do.
 pub static CONTROL_SHAPING: Topic<ShapingState> = Topic::new("control/shaping", Delivery::Stream);
+/// What a task with `[coverage]` has covered; at the end of each round.
+pub static CONTROL_COVERAGE: Topic<CoverageState> =
+    Topic::new("control/coverage", Delivery::Background);
 /// True state of the simulated contact. The system under test never reads it.
 pub static TRUTH_CONTACT: Topic<ContactTruth> = Topic::new("truth/contact", Delivery::Stream);
 /// True pose of the simulated object.

@@ -8,6 +8,7 @@ use tangent_mechanics::{Aligned, Base, Joints, Pose, Tool, Twist, Wrench};
 use tangent_schemas::CommandKind;
 use tangent_sensing::{BaseMotion, Validity};
 
+use crate::coverage::CoverageResult;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{SwitchCause, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS, ObjectInput, UntaredLoad, VisionInput};
@@ -224,6 +225,9 @@ pub trait Law<const N: usize>: Send {
     /// Whether the law shapes its output: it then sets [`LawOutput::shaping`] while a task runs.
     const SHAPES: bool = false;
 
+    /// Whether the law runs tasks with `[coverage]`: see [`Law::take_coverage`].
+    const COVERS: bool = false;
+
     /// Runs one cycle.
     fn step(&mut self, input: &LawInput<N>) -> LawOutput<N>;
 
@@ -260,6 +264,12 @@ pub trait Law<const N: usize>: Send {
     /// The pass of a task that learns, once it has ended; `None` if it was taken before, and for a
     /// law that does not learn.
     fn take_pass(&mut self) -> Option<EndedPass> {
+        None
+    }
+
+    /// What a task with `[coverage]` has covered, once at the end of each round, and at the end of a
+    /// task that ends before its last round does; otherwise `None`. Allocates nothing.
+    fn take_coverage(&mut self) -> Option<CoverageResult> {
         None
     }
 

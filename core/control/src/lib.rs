@@ -21,7 +21,7 @@ mod task;
 mod verdict;
 
 pub use contact::energy_tank::{EnergyTank, EnergyTankState};
-pub use coverage::{Coverage, CoverageResult, CoverageSpec};
+pub use coverage::{Coverage, CoverageOutcome, CoverageResult, CoverageSpec};
 pub use error::ControlError;
 pub use estimator_choice::list::EstimatorList;
 pub use estimator_choice::switching::{ChoiceRules, SwitchCause, SwitchRefusal};

@@ -228,6 +228,7 @@ fn bus(put: Put<'_>) {
     message::<standard::MarkerArray>(put, 18);
     message::<standard::TFMessage>(put, 19);
     message::<tangent::OperatorCommand>(put, 20);
+    message::<tangent::CoverageState>(put, 21);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seed.mcap");
     let mut writer = RecordingWriter::create(&path).unwrap();

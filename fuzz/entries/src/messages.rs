@@ -11,7 +11,7 @@ pub fn cdr(data: &[u8]) {
     let Some((&kind, bytes)) = data.split_first() else {
         return;
     };
-    let check: fn(&[u8]) = match kind % 21 {
+    let check: fn(&[u8]) = match kind % 22 {
         0 => check::<tangent::ArmState>,
         1 => check::<tangent::ArmCommand>,
         2 => check::<tangent::WrenchStatus>,
@@ -32,7 +32,8 @@ pub fn cdr(data: &[u8]) {
         17 => check::<standard::CameraInfo>,
         18 => check::<standard::MarkerArray>,
         19 => check::<standard::TFMessage>,
-        _ => check::<tangent::OperatorCommand>,
+        20 => check::<tangent::OperatorCommand>,
+        _ => check::<tangent::CoverageState>,
     };
     check(bytes);
 }

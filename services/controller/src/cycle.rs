@@ -10,7 +10,7 @@ use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Age, Gauge, HealthReporter, Histogram, Publisher, Rate, Received};
 use tangent_schemas::convert::{cut, joint_array};
 use tangent_schemas::standard::Header;
-use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, ShapingState};
+use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, CoverageState, ShapingState};
 use tangent_schemas::{Name, Text};
 
 use crate::inputs::{Packet, driven_by_another};
@@ -48,6 +48,8 @@ pub struct Outlets {
     pub state: Publisher<ControlState>,
     /// `None` for an arm whose law does not shape.
     pub shaping: Option<Publisher<ShapingState>>,
+    /// `None` for an arm whose law runs no tasks with coverage.
+    pub coverage: Option<Publisher<CoverageState>>,
     /// Name of this controller in commands.
     pub source: Name,
 }
@@ -169,10 +171,11 @@ impl<L: Law<N>, const N: usize> Cycle<L, N> {
         };
         let fault_text = self.watch.fault_text(output.fault, fault_text);
         let header = || Header::new(arm.header.stamp.to_ns(), "base");
+        let activation = self.runner.activation();
         let state = ControlState {
             header: header(),
             cycle: arm.cycle,
-            activation: self.runner.activation(),
+            activation,
             fault: fault_text,
             ..state
         };
@@ -182,6 +185,17 @@ impl<L: Law<N>, const N: usize> Cycle<L, N> {
                 header: header(),
                 cycle: arm.cycle,
                 ..messages::shaping(shaping)
+            });
+        }
+        if let Some(publisher) = &self.outlets.coverage
+            && let Some(result) = self.runner.law.take_coverage()
+        {
+            publisher.publish(&CoverageState {
+                header: header(),
+                cycle: arm.cycle,
+                task: state.task,
+                activation,
+                ..messages::coverage(&result)
             });
         }
         self.meters.wrench_age.set(state.wrench_age_s);

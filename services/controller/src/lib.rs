@@ -184,6 +184,9 @@ where
         shaping: L::SHAPES
             .then(|| bus.publisher(&topics::CONTROL_SHAPING))
             .transpose()?,
+        coverage: L::COVERS
+            .then(|| bus.publisher(&topics::CONTROL_COVERAGE))
+            .transpose()?,
         source: cut_format(format_args!("{SERVICE}/{}", health.instance())),
     };
     let mut cycle = Cycle::new(runner, outlets, &mailbox, &health);

@@ -1,10 +1,12 @@
 //! Converts the law's outputs to bus messages. No allocation.
 
 use nalgebra::Vector6;
-use tangent_control::{EstimatorName, Law, LawInput, LawOutput, Shaping, SwitchCause};
+use tangent_control::{
+    CoverageResult, EstimatorName, Law, LawInput, LawOutput, Shaping, SwitchCause,
+};
 use tangent_mechanics::{Tool, Wrench};
 use tangent_schemas::convert::{cut, cut_format};
-use tangent_schemas::tangent::{ControlState, ShapingState};
+use tangent_schemas::tangent::{ControlState, CoverageState, ShapingState};
 use tangent_schemas::{Name, Text};
 
 use crate::inputs::age_told;
@@ -58,6 +60,25 @@ pub fn shaping(shaping: &Shaping) -> ShapingState {
         rho_align: shaping.rho_align,
         rho_force: shaping.rho_force,
         ..ShapingState::default()
+    }
+}
+
+/// What a task has covered for `control/coverage`, without header, cycle, task and activation.
+pub fn coverage(result: &CoverageResult) -> CoverageState {
+    CoverageState {
+        outcome: result.outcome as u8,
+        outcome_text: cut(result.outcome.text()),
+        share_by_round: result.share_by_round.clone(),
+        share: result.share,
+        share_min: result.share_min,
+        area_cm2: result.area_cm2,
+        under_cm2: result.under_cm2,
+        over_cm2: result.over_cm2,
+        holes: result.holes,
+        largest_hole_cm2: result.largest_hole_cm2,
+        largest_hole_m: result.largest_hole_m,
+        dose_n_s_per_cm2: result.dose_n_s_per_cm2,
+        ..CoverageState::default()
     }
 }
 

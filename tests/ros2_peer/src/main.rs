@@ -98,6 +98,7 @@ fn hashes() -> Result<()> {
         tangent_msgs::ArmState,
         tangent_msgs::ContactTruth,
         tangent_msgs::ControlState,
+        tangent_msgs::CoverageState,
         tangent_msgs::Feature,
         tangent_msgs::FeatureArray,
         tangent_msgs::Health,

@@ -4,7 +4,7 @@
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use tangent_control::fill::Polygon;
-use tangent_control::{Coverage, CoverageResult, Pattern, Phase, Task};
+use tangent_control::{CoverageResult, Pattern, Phase, Task};
 use tangent_region::{Draft, Mesh, RegionOptions, Selection, draft};
 use tangent_simulation::{AdmittanceLoop, AdmittanceScenario, FileError, Surface};
 
@@ -173,7 +173,7 @@ fn run(name: &str, draft: &Draft) -> Run {
             break;
         }
     }
-    run.result = cell.controller().coverage().map(Coverage::result);
+    run.result = cell.controller().coverage_result();
     run
 }
 

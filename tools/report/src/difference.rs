@@ -125,7 +125,7 @@ pub(crate) fn run_words(report: &Report) -> String {
 fn figures(a: &Report, b: &Report) -> Vec<Compared> {
     let mean = |spread: Option<Spread>| spread.map(|s| s.mean);
     type Pick<'p> = &'p dyn Fn(&Report) -> Option<f64>;
-    let picks: [(&'static str, &'static str, Pick<'_>); 22] = [
+    let picks: [(&'static str, &'static str, Pick<'_>); 23] = [
         ("duration", "s", &|r| Some(r.duration_s)),
         ("progress", "%", &|r| r.events.progress.map(|p| 100.0 * p)),
         ("force reference", "N", &|r| {
@@ -154,6 +154,9 @@ fn figures(a: &Report, b: &Report) -> Vec<Compared> {
         }),
         ("contact lost, times", "", &|r| {
             Some(r.figures.contact.lost_count as f64)
+        }),
+        ("coverage, within the band", "%", &|r| {
+            r.coverage.as_ref().map(|c| 100.0 * c.share)
         }),
         ("manipulability, least", "", &|r| {
             r.figures.joints.manipulability_min

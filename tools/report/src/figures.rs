@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
+use tangent_control::CoverageResult;
 use tangent_schemas::tangent::ControlState;
 use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
@@ -15,7 +16,7 @@ use crate::events::Events;
 use crate::run::{Growth, Run};
 use crate::task_run::TaskRun;
 use crate::tasks::{TaskEntry, phase_of};
-use crate::{object, tactile};
+use crate::{coverage, object, tactile};
 
 /// Output of `report --json`.
 #[derive(Clone, Debug, Serialize)]
@@ -43,6 +44,9 @@ pub struct Report {
     pub object_pose: Option<ObjectFigures>,
     /// Only for laws that shape stiffness and force; figures that no topic provides are left out.
     pub tactile: Option<VisuoTactileFigures>,
+    /// What the controller has covered, of tasks with `[coverage]` only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<CoverageResult>,
     /// Timing and losses of the live loop.
     pub r#loop: LoopFigures,
     /// Phase at the end of the task. A task that is stopped ends in `done` as well: see `verdict`.
@@ -164,6 +168,7 @@ impl Report {
             figures,
             object_pose: object::figures(run, task),
             tactile: tactile::figures(run, task),
+            coverage: coverage::result(run, task),
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
             accepted: acceptance::accepted(&tolerances, events.verdict),

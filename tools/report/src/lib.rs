@@ -12,10 +12,12 @@
 //! | [`run`] | the messages of a recording, or of a live cell |
 //! | [`live`] | the estimators of a live cell, recorded for a while |
 //! | [`object`], [`tactile`] | data of a single law or estimator, and the figures of its paper |
+//! | [`coverage`] | what a task with `[coverage]` has covered, in words |
 //! | [`plot`] | line plots as SVG |
 
 mod acceptance;
 mod comparison;
+pub mod coverage;
 mod difference;
 mod error;
 mod events;

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use tangent_recorder::{Contents, RecordedMessage, Recording, Stored};
 use tangent_schemas::standard::{Header, PoseStamped};
 use tangent_schemas::tangent::{
-    ArmState, ContactTruth, ControlState, Health, NormalEstimate, ObjectEstimate, ShapingState,
-    WrenchStatus,
+    ArmState, ContactTruth, ControlState, CoverageState, Health, NormalEstimate, ObjectEstimate,
+    ShapingState, WrenchStatus,
 };
 use tangent_schemas::{Message, cdr};
 
@@ -22,6 +22,7 @@ enum Taken {
     Arm(Box<ArmState>),
     Control(Box<ControlState>),
     Shaping(Box<ShapingState>),
+    Coverage(Box<CoverageState>),
     Estimate(Box<NormalEstimate>),
     Object(Box<ObjectEstimate>),
     ObjectTruth(Box<PoseStamped>),
@@ -41,6 +42,7 @@ impl Taken {
             ArmState::NAME => |bytes| Ok(Self::Arm(cdr::decode(bytes)?)),
             ControlState::NAME => |bytes| Ok(Self::Control(cdr::decode(bytes)?)),
             ShapingState::NAME => |bytes| Ok(Self::Shaping(cdr::decode(bytes)?)),
+            CoverageState::NAME => |bytes| Ok(Self::Coverage(cdr::decode(bytes)?)),
             NormalEstimate::NAME => |bytes| Ok(Self::Estimate(cdr::decode(bytes)?)),
             ObjectEstimate::NAME => |bytes| Ok(Self::Object(cdr::decode(bytes)?)),
             PoseStamped::NAME if key == "truth/object" => {
@@ -73,6 +75,8 @@ pub struct Run {
     pub control: Vec<ControlState>,
     /// `control/shaping`
     pub shaping: Vec<ShapingState>,
+    /// `control/coverage`
+    pub coverage: Vec<CoverageState>,
     /// `estimate/NAME/normal` by estimator.
     pub estimates: BTreeMap<String, Vec<NormalEstimate>>,
     /// Age of each estimator's newest estimate at use, s, as the controller reported in each of its
@@ -155,6 +159,7 @@ impl Run {
         run.arm.sort_by_key(|m| m.header.stamp.to_ns());
         run.control.sort_by_key(|m| m.header.stamp.to_ns());
         run.shaping.sort_by_key(|m| m.header.stamp.to_ns());
+        run.coverage.sort_by_key(|m| m.header.stamp.to_ns());
         run.truth.sort_by_key(|m| m.header.stamp.to_ns());
         run.object_truth.sort_by_key(|m| m.header.stamp.to_ns());
         for objects in run.objects.values_mut() {
@@ -192,6 +197,7 @@ impl Run {
         let within = |header: &Header| (from_ns..=to_ns).contains(&header.stamp.to_ns());
         self.arm.retain(|m| within(&m.header));
         self.shaping.retain(|m| within(&m.header));
+        self.coverage.retain(|m| within(&m.header));
         self.truth.retain(|m| within(&m.header));
         self.object_truth.retain(|m| within(&m.header));
         for objects in self.objects.values_mut() {
@@ -284,6 +290,7 @@ impl Run {
                 self.control.push(*state);
             }
             Taken::Shaping(state) => self.shaping.push(*state),
+            Taken::Coverage(state) => self.coverage.push(*state),
             Taken::Estimate(estimate) => {
                 list_of(&mut self.estimates, estimate.estimator.as_str()).push(*estimate);
             }

@@ -3,11 +3,13 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use tangent_recorder::{Record, RecordingWriter};
 use tangent_schemas::convert::{cut, joint_array};
 use tangent_schemas::standard::Header;
-use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, NormalEstimate};
+use tangent_schemas::tangent::{
+    ArmState, ContactTruth, ControlState, CoverageState, NormalEstimate,
+};
 use tangent_schemas::{Message, cdr};
 use tangent_simulation::{
     AdmittanceCycle, AdmittanceScenario, Evaluation, evaluate_admittance_with,
@@ -297,6 +299,22 @@ fn record_two(path: &Path) {
         let task = format!(
             "name = \"wipe\"\ntolerances.force_rmse_n = 0.3\ntolerances.force_peak_n = {peak}"
         );
+        // Both cover a region in two rounds; only the second one gets enough.
+        let (share, outcome) = [(0.86, 2), (0.9961, 1)][second as usize];
+        for (at_s, outcome, shares) in [(1, 0, vec![0.76]), (2, outcome, vec![0.76, share])] {
+            let stamp_ns = tape.start_ns + 1_000_000_000 * at_s;
+            let state = CoverageState {
+                header: Header::new(stamp_ns, "base"),
+                activation,
+                outcome,
+                share: *shares.last().unwrap(),
+                share_by_round: shares.into_iter().collect(),
+                share_min: 0.99,
+                area_cm2: 71.04,
+                ..CoverageState::default()
+            };
+            tape.put("/control/coverage", stamp_ns, &state);
+        }
         let name = format!("task-{activation}.toml");
         tape.writer.attach(&name, &task, 1).unwrap();
     }
@@ -333,9 +351,21 @@ fn each_task_of_a_recording_is_judged_by_its_own_tolerances() {
         "task 1 of 2",
         "2026-",
         "RMS error of the force",
+        "Coverage by the controller: 86.0 % of 71.0 cm² within the band after 2 rounds (target 99 %): given up",
     ] {
         assert!(page.contains(words), "{words}");
     }
+
+    let covered =
+        |report: &crate::Report| serde_json::to_value(report).unwrap()["coverage"].clone();
+    assert_eq!(covered(&first.report)["outcome"], "rounds_max");
+    assert_eq!(covered(&second)["outcome"], "met");
+    assert_eq!(covered(&second)["share_by_round"], json!([0.76, 0.9961]));
+    let words = crate::words(&last);
+    assert!(
+        words.contains("\ncoverage         99.6 % of 71.0 cm² within"),
+        "{words}"
+    );
 
     let error = read(&path, part(Some(3)), false).err().unwrap().to_string();
     for words in ["--task 3", "1 (wipe a pipe, completed)", "2 (wipe a pipe"] {
@@ -353,7 +383,9 @@ fn each_task_of_a_recording_is_judged_by_its_own_tolerances() {
         panic!("{:?}", difference.settings);
     };
     assert_eq!(setting.key, "tolerances.force_peak_n");
-    assert!(difference.words().contains("force, mean"));
+    for words in ["force, mean", "coverage, within the band, %"] {
+        assert!(difference.words().contains(words), "{words}");
+    }
     let page = page.unwrap();
     assert!(page.matches("<svg").count() >= 3 && page.contains("tolerances.force_peak_n"));
 }

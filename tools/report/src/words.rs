@@ -6,7 +6,7 @@ use crate::comparison;
 use crate::figures::Report;
 use crate::shown_time::shown_s;
 use crate::tasks::TaskEntry;
-use crate::{object, tactile};
+use crate::{coverage, object, tactile};
 
 /// Formats the main figures for a terminal.
 pub fn words(report: &Report) -> String {
@@ -68,6 +68,11 @@ pub fn words(report: &Report) -> String {
             100.0 * fraction,
             f.contact.lost_count
         ));
+    }
+    if let Some(result) = &report.coverage {
+        lines.push(format!("coverage         {}", coverage::sentence(result)));
+        let details = coverage::details(result);
+        lines.extend(details.iter().map(|detail| format!("  {detail}")));
     }
     if let Some(object) = &report.object_pose {
         lines.extend(object::words(object));

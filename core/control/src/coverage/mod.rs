@@ -8,6 +8,7 @@
 //! off.
 
 mod dose_grid;
+mod holes;
 mod result;
 mod round;
 mod rules;
@@ -19,10 +20,11 @@ use crate::error::ControlError;
 use crate::task::Task;
 use crate::task::path::Path;
 use dose_grid::DoseGrid;
+use holes::HoleSearch;
 use round::{Planner, STROKES_MAX};
 use rules::RoundRules;
 
-pub use result::CoverageResult;
+pub use result::{CoverageOutcome, CoverageResult};
 pub use spec::CoverageSpec;
 
 /// Share of the first round in the progress of a task.
@@ -40,7 +42,11 @@ pub struct Coverage {
     planner: Option<Planner>,
     /// Share of the region within the band at the end of each round.
     shares: arrayvec::ArrayVec<f64, { spec::ROUNDS_MAX as usize }>,
-    done: bool,
+    /// Why no further round follows; open until then.
+    outcome: CoverageOutcome,
+    /// Number of rounds and outcome of the result that was taken last.
+    taken: (usize, CoverageOutcome),
+    search: HoleSearch,
 }
 
 impl Coverage {
@@ -81,11 +87,13 @@ impl Coverage {
                 across_m: grid.across_m,
                 bounds,
             },
+            search: HoleSearch::with_room(grid.cells.len()),
             grid,
             room: Path::with_room(STROKES_MAX, path.rise()),
             planner: None,
             shares: arrayvec::ArrayVec::new(),
-            done: false,
+            outcome: CoverageOutcome::Open,
+            taken: (0, CoverageOutcome::Open),
             spec: spec.clone(),
         }))
     }
@@ -107,21 +115,23 @@ impl Coverage {
     /// The path of the round has ended, with the tool at `from`. Puts the strokes of the next round
     /// into `path` as far as they are known; without effect if there is none.
     pub(crate) fn end_round(&mut self, from: Vector2<f64>, path: &mut Path) -> bool {
-        if self.done {
+        if self.is_done() {
             return false;
         }
         let share = self.grid.judge(&self.rules).share();
-        self.done = self.shares.try_push(share).is_err()
-            || share >= self.spec.share_min
-            || self.shares.len() >= self.spec.rounds_max as usize;
-        if self.done {
+        let is_full = self.shares.try_push(share).is_err();
+        if share >= self.spec.share_min {
+            self.outcome = CoverageOutcome::Met;
+        } else if is_full || self.shares.len() >= self.spec.rounds_max as usize {
+            self.outcome = CoverageOutcome::RoundsMax;
+        }
+        if self.is_done() {
             return false;
         }
         self.room.clear();
         let mut planner = Planner::new(from, &mut self.grid);
         if !planner.step(&mut self.grid, &self.rules, &mut self.room) {
-            // What is missing cannot be reached.
-            self.done = true;
+            self.outcome = CoverageOutcome::OutOfReach;
             return false;
         }
         self.planner = Some(planner);
@@ -141,7 +151,7 @@ impl Coverage {
     /// Progress of the task, 0 to 1, at `progress` of the path of the present round. It reaches 1
     /// only at the end of the last round.
     pub(crate) fn progress(&self, progress: f64) -> f64 {
-        if self.done {
+        if self.is_done() {
             return progress;
         }
         // Each further round takes half of what is left.
@@ -164,9 +174,38 @@ impl Coverage {
             .map(|index| (self.grid.middle(index).into(), self.grid.dose(index)))
     }
 
-    /// The map as it is now. Allocates.
-    pub fn result(&self) -> CoverageResult {
-        CoverageResult::of(&self.grid, &self.rules, &self.shares)
+    /// Whether no further round follows.
+    fn is_done(&self) -> bool {
+        self.outcome != CoverageOutcome::Open
+    }
+
+    /// The map as it is now; `ended`: no task runs any more. Allocates.
+    pub(crate) fn result(&self, ended: bool) -> CoverageResult {
+        let goal = (self.spec.share_min, self.outcome(ended));
+        let mut search = self.search.clone();
+        CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, &mut search)
+    }
+
+    /// The map at the end of a round or of the task, once; otherwise `None`. `ended`: no task runs
+    /// any more.
+    pub(crate) fn take_result(&mut self, ended: bool) -> Option<CoverageResult> {
+        let outcome = self.outcome(ended);
+        let now = (self.shares.len(), outcome);
+        if std::mem::replace(&mut self.taken, now) == now {
+            return None;
+        }
+        let goal = (self.spec.share_min, outcome);
+        let search = &mut self.search;
+        let result = CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, search);
+        Some(result)
+    }
+
+    fn outcome(&self, ended: bool) -> CoverageOutcome {
+        if ended && !self.is_done() {
+            CoverageOutcome::TaskEnded
+        } else {
+            self.outcome
+        }
     }
 }
 

@@ -1,19 +1,71 @@
-//! What the map says when a task has ended.
+//! What the map says at the end of a round, and of the task.
 
+use arrayvec::ArrayVec;
 use serde::Serialize;
 
 use super::dose_grid::DoseGrid;
+use super::holes::HoleSearch;
 use super::rules::RoundRules;
+use super::spec::ROUNDS_MAX;
+
+/// Why no further round follows. The numeric value is `CoverageState.outcome`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u8)]
+pub enum CoverageOutcome {
+    /// The round still runs, or another one follows.
+    #[default]
+    Open = 0,
+    /// The share of the region within the band is what the task asks for.
+    Met = 1,
+    /// Too little, and the task allows no further round.
+    RoundsMax = 2,
+    /// Too little, and no stroke reaches what is missing.
+    OutOfReach = 3,
+    /// The task was stopped, or a fault ended it, before the end of its last round.
+    TaskEnded = 4,
+}
+
+impl CoverageOutcome {
+    /// Every outcome, by its code.
+    const ALL: [Self; 5] = [
+        Self::Open,
+        Self::Met,
+        Self::RoundsMax,
+        Self::OutOfReach,
+        Self::TaskEnded,
+    ];
+
+    /// The outcome with this code; `None` for an unknown one.
+    pub fn from_code(code: u8) -> Option<Self> {
+        Self::ALL.get(usize::from(code)).copied()
+    }
+
+    /// The outcome in a few words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Open => "not complete yet",
+            Self::Met => "target met",
+            Self::RoundsMax => "given up: all rounds that the task allows are used",
+            Self::OutOfReach => "given up: no stroke reaches what is missing",
+            Self::TaskEnded => "not complete: the task ended before",
+        }
+    }
+}
 
 /// Coverage of a region.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CoverageResult {
-    /// Number of rounds, the first included.
+    /// Number of rounds that have ended, but at least 1.
     pub rounds: u32,
     /// Share of the region within the band after each round.
-    pub share_by_round: Vec<f64>,
+    pub share_by_round: ArrayVec<f64, { ROUNDS_MAX as usize }>,
     /// Share of the region within the band at the end.
     pub share: f64,
+    /// Share of the region within the band that the task asks for.
+    pub share_min: f64,
+    /// Whether the share was reached, or why no further round follows.
+    pub outcome: CoverageOutcome,
     /// Area of the region, cm².
     pub area_cm2: f64,
     /// Area below the band, cm².
@@ -22,12 +74,23 @@ pub struct CoverageResult {
     pub over_cm2: f64,
     /// Number of connected areas below the band.
     pub holes: u32,
+    /// Area of the largest of them, cm²; zero if there is none.
+    pub largest_hole_cm2: f64,
+    /// Middle of the largest of them in the path's plane, m; zero if there is none.
+    pub largest_hole_m: [f64; 2],
     /// Least and most dose in the region, N*s/cm².
     pub dose_n_s_per_cm2: [f64; 2],
 }
 
 impl CoverageResult {
-    pub(super) fn of(grid: &DoseGrid, rules: &RoundRules, shares: &[f64]) -> Self {
+    /// Judges the grid. Allocates nothing.
+    pub(super) fn of(
+        grid: &DoseGrid,
+        rules: &RoundRules,
+        shares: &ArrayVec<f64, { ROUNDS_MAX as usize }>,
+        (share_min, outcome): (f64, CoverageOutcome),
+        search: &mut HoleSearch,
+    ) -> Self {
         let areas = grid.judge(rules);
         let doses = (0..grid.cells.len())
             .filter(|&index| grid.cells[index].judged)
@@ -35,43 +98,34 @@ impl CoverageResult {
         let (least, most) = doses.fold((f64::INFINITY, 0.0_f64), |(least, most), dose| {
             (least.min(dose), most.max(dose))
         });
+        let holes = search.search(grid, rules);
         Self {
             rounds: shares.len().max(1) as u32,
-            share_by_round: shares.to_vec(),
+            share_by_round: shares.clone(),
             share: areas.share(),
+            share_min,
+            outcome,
             area_cm2: areas.good + areas.under + areas.over,
             under_cm2: areas.under,
             over_cm2: areas.over,
-            holes: holes(grid, rules),
+            holes: holes.count,
+            largest_hole_cm2: holes.largest_cm2,
+            largest_hole_m: holes.largest_m.into(),
             dose_n_s_per_cm2: [least.min(most), most],
         }
     }
 }
 
-/// Number of connected components of the cells with too little.
-fn holes(grid: &DoseGrid, rules: &RoundRules) -> u32 {
-    let mut seen = vec![false; grid.cells.len()];
-    let mut count = 0;
-    let mut open = Vec::new();
-    for first in 0..grid.cells.len() {
-        if seen[first] || !grid.is_under(first, rules) {
-            continue;
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_those_of_the_message() {
+        for (code, outcome) in (0_u8..).zip(CoverageOutcome::ALL) {
+            assert_eq!(outcome as u8, code);
+            assert_eq!(CoverageOutcome::from_code(code), Some(outcome));
         }
-        count += 1;
-        seen[first] = true;
-        open.push(first);
-        while let Some(index) = open.pop() {
-            let (i, j) = grid.place(index);
-            for (di, dj) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
-                if let Some(next) = grid.index(i + di, j + dj)
-                    && !seen[next]
-                    && grid.is_under(next, rules)
-                {
-                    seen[next] = true;
-                    open.push(next);
-                }
-            }
-        }
+        assert_eq!(CoverageOutcome::from_code(5), None);
     }
-    count
 }

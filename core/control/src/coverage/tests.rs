@@ -61,10 +61,17 @@ fn run(task: &Task) -> CoverageResult {
         let ended = coverage.progress(1.0);
         assert!(ended > progress && ended < 1.0, "{progress} {ended}");
         progress = ended;
-        if !coverage.end_round(end, &mut path) {
+        let goes_on = coverage.end_round(end, &mut path);
+        let taken = coverage.take_result(false).unwrap();
+        assert_eq!(coverage.take_result(false), None);
+        if !goes_on {
             assert_eq!(coverage.progress(1.0), 1.0);
-            return coverage.result();
+            // Nothing has changed since.
+            assert_eq!(coverage.take_result(true), None);
+            assert_eq!(coverage.result(true), taken);
+            return taken;
         }
+        assert_eq!(taken.outcome, CoverageOutcome::Open);
         assert!((coverage.progress(0.0) - progress).abs() < 1e-12);
         while coverage.is_planning() {
             coverage.plan(&mut path);
@@ -115,6 +122,10 @@ fn rows_too_far_apart_are_closed_in_the_second_round() {
             result.share >= 0.99 && result.rounds <= 3,
             "{keys}: {result:?}"
         );
+        assert_eq!(
+            (result.outcome, result.share_min),
+            (CoverageOutcome::Met, 0.99)
+        );
     }
 }
 
@@ -139,6 +150,56 @@ fn a_limit_of_rounds_ends_the_task_with_its_holes() {
     let result = run(&task);
     assert_eq!((result.rounds, result.share_by_round.len()), (1, 1));
     assert!(result.holes >= 1 && result.under_cm2 > 5.0, "{result:?}");
+    assert_eq!(result.outcome, CoverageOutcome::RoundsMax);
+}
+
+#[test]
+fn the_largest_hole_is_told_with_its_place() {
+    let (mut coverage, mut path) = coverage(&task(PLATE, &format!("{BAND}\nshare_min = 1.0")));
+    // Rows of presses leave out one rectangle of 20 x 20 mm, and a corner.
+    let left_out = |x: f64, y: f64| {
+        (0.03..0.07).contains(&x) && (0.01..0.05).contains(&y) || x > 0.095 && y > 0.055
+    };
+    for (i, j) in (0..=100).flat_map(|i| (0..=60).map(move |j| (i, j))) {
+        let (x, y) = (f64::from(i) * 0.001, f64::from(j) * 0.001);
+        if !left_out(x, y) {
+            let at = Vector2::new(x, y);
+            coverage.press(&at, &Vector2::zeros(), FORCE_N, 0.0, 0.05);
+        }
+    }
+    assert_eq!(coverage.take_result(false), None);
+    let result = coverage.take_result(true).unwrap();
+    assert_eq!(coverage.take_result(true), None);
+    assert_eq!(
+        (result.outcome, result.rounds, result.share_by_round.len()),
+        (CoverageOutcome::TaskEnded, 1, 0)
+    );
+    assert!(result.holes >= 1, "{result:?}");
+    let [x, y] = result.largest_hole_m;
+    assert!(
+        (x - 0.05).abs() < 0.002 && (y - 0.03).abs() < 0.002,
+        "{result:?}"
+    );
+    let largest = result.largest_hole_cm2;
+    assert!(
+        largest > 4.0 && largest <= result.under_cm2 + 1e-9,
+        "{result:?}"
+    );
+
+    // Planned after the end of the round: it is open.
+    assert!(coverage.end_round(Vector2::zeros(), &mut path));
+    assert_eq!(coverage.result(false).outcome, CoverageOutcome::Open);
+}
+
+#[test]
+fn what_no_stroke_reaches_is_given_up() {
+    let (mut coverage, mut path) = coverage(&task(PLATE, BAND));
+    for cell in &mut coverage.grid.cells {
+        cell.reached_from = None;
+    }
+    assert!(!coverage.end_round(Vector2::zeros(), &mut path));
+    let result = coverage.take_result(false).unwrap();
+    assert_eq!(result.outcome, CoverageOutcome::OutOfReach);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use allocation_counter::measure;
 use nalgebra::{Vector2, Vector3};
-use tangent_control::{Controller, Coverage, CoverageResult, Phase, Program};
+use tangent_control::{Controller, CoverageResult, Phase, Program};
 use tangent_simulation::{AdmittanceLoop, AdmittanceScenario, FileError};
 
 /// A plate with a hole, beside the place where the tool touches down.
@@ -125,7 +125,7 @@ fn run(name: &str, scenario: &AdmittanceScenario) -> Run {
             break;
         }
     }
-    run.result = cell.controller().coverage().map(Coverage::result);
+    run.result = cell.controller().coverage_result();
     run
 }
 
@@ -376,17 +376,21 @@ fn a_task_with_rounds_and_lifts_does_not_allocate_in_its_cycles() {
     let mut controller = Controller::new(arm, tool, scenario.limits, config).unwrap();
     let program = Program::new(&scenario.task, &config).unwrap();
     controller.start(program, 1).unwrap();
-    let mut most = 0;
+    let (mut most, mut results) = (0, 0);
     for input in &inputs {
         most = most.max(
             measure(|| {
                 controller.step(input);
+                results += usize::from(controller.take_coverage().is_some());
             })
             .count_total,
         );
     }
     assert_eq!((most, controller.phase()), (0, Phase::Done));
-    assert!(controller.coverage().unwrap().result().rounds >= 2);
+    let result = controller.coverage_result().unwrap();
+    assert!(result.rounds >= 2);
+    // One at the end of each round.
+    assert_eq!(results, result.rounds as usize);
 }
 
 #[test]

@@ -11,7 +11,7 @@ macro_rules! for_every_message {
             tangent_schemas::standard: Time Duration Header ColorRGBA Vector3 Point Quaternion Pose PoseStamped
                 PoseWithCovariance PoseWithCovarianceStamped Twist Wrench WrenchStamped Transform TransformStamped TFMessage CompressedImage Image CameraInfo RegionOfInterest JointState UVCoordinate MeshFile
                 Marker MarkerArray StdString;
-            tangent_schemas::tangent: ArmState ArmCommand WrenchBatch WrenchStatus NormalEstimate ObjectEstimate SurfaceSegment SurfaceAhead Feature FeatureArray ControlState ShapingState Health ContactTruth OperatorCommand
+            tangent_schemas::tangent: ArmState ArmCommand WrenchBatch WrenchStatus NormalEstimate ObjectEstimate SurfaceSegment SurfaceAhead Feature FeatureArray ControlState CoverageState ShapingState Health ContactTruth OperatorCommand
                 Request Answer;
         )
     };

@@ -4,8 +4,8 @@ use std::sync::atomic::Ordering;
 
 use crate::common::{Cell, PATIENCE, TASK, long_task};
 use tangent_live::timed;
-use tangent_schemas::tangent::ControlState;
-use tangent_schemas::topics::queries;
+use tangent_schemas::tangent::{ControlState, CoverageState};
+use tangent_schemas::topics::{self, queries};
 
 #[test]
 fn a_task_is_started_tared_wiped_and_ended() {
@@ -214,6 +214,57 @@ fn answering_a_packet_allocates_nothing() {
         assert_eq!(cell.phase(), "slide");
         assert_eq!(cell.allocations, before);
         assert!(recorder.recv_timeout(PATIENCE).is_some());
+        cell.end();
+    });
+}
+
+/// A region whose first round leaves out strips between its rows.
+const COVERED: &str = r#"
+    name = "plate"
+    estimators = ["blend"]
+    force.reference_n = 5.0
+    [path]
+    kind = "region"
+    outline_m = [[0.0, 0.0], [0.05, 0.0], [0.05, 0.05], [0.0, 0.05]]
+    spacing_m = 0.02
+    margin_m = 0.003
+    speed_m_per_s = 0.05
+    [coverage]
+    radius_m = 0.008
+    dose_n_s_per_cm2 = [0.4, 20.0]
+"#;
+
+#[test]
+fn coverage_is_told_after_each_round_and_at_the_end_of_a_task_that_is_stopped() {
+    timed(|| {
+        let mut cell = Cell::new();
+        let told = cell.bus.subscribe(&topics::CONTROL_COVERAGE, 16).unwrap();
+        let next = || -> Option<CoverageState> { told.try_recv().map(|m| m.message.clone()) };
+        let answer = cell.ask(queries::CONTROL_TASK, "start", COVERED).unwrap();
+        assert!(answer.done, "{}", answer.message);
+        cell.run_until("slide");
+        let before = cell.allocations;
+        cell.run_until("done");
+        assert_eq!(cell.allocations, before);
+        let first = next().unwrap();
+        let last = std::iter::from_fn(next).last().unwrap();
+        assert_eq!((first.outcome, last.outcome), (0, 1), "{first:?} {last:?}");
+        assert_eq!((last.task.as_str(), last.holes), ("plate", 0));
+        assert_eq!(last.activation, cell.said().activation);
+        assert_eq!(last.share_by_round[..1], first.share_by_round[..]);
+        assert!(first.share < 0.99 && last.share >= 0.99, "{last:?}");
+        assert!((last.area_cm2 - 25.0).abs() < 1.0, "{last:?}");
+
+        cell.slide(COVERED);
+        assert!(cell.ask(queries::CONTROL_TASK, "stop", "").unwrap().done);
+        cell.run_until("done");
+        let ended = next().unwrap();
+        assert_eq!((ended.outcome, next()), (4, None), "{ended:?}");
+        assert_eq!(
+            ended.outcome_text.as_str(),
+            "not complete: the task ended before"
+        );
+        assert!(ended.activation > last.activation && ended.share < 0.5);
         cell.end();
     });
 }

@@ -60,6 +60,7 @@ const CONTROLLER: Service = Service {
         "arm/command",
         "control/state",
         "control/shaping",
+        "control/coverage",
         "tf",
         "tf_static",
         "joint_states",

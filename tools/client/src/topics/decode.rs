@@ -106,6 +106,7 @@ fn fields(name: &str, bytes: &[u8]) -> Option<Result<Value, String>> {
         tangent::SurfaceSegment,
         tangent::SurfaceAhead,
         tangent::ControlState,
+        tangent::CoverageState,
         tangent::ShapingState,
         tangent::Health,
         tangent::ContactTruth,

@@ -2,10 +2,11 @@
 
 use std::fmt::Write as _;
 
-use tangent_control::Verdict;
+use tangent_control::{CoverageOutcome, Verdict};
 use tangent_simulation::metrics::Spread;
 
 use super::escaped;
+use crate::coverage;
 use crate::figures::Report;
 use crate::run::Run;
 use crate::task_run::TaskRun;
@@ -41,12 +42,32 @@ pub(super) fn introduction(task: &TaskRun<'_>, report: &Report) -> String {
     format!(
         "<p>A robot pressed a tool on a surface, estimated the surface normal, kept the tool square to the surface and \
          followed a path. The task took {:.1} s in {} robot cycles. Estimator: <b>{}</b>; control law: preset \
-         <b>{}</b>.{more} {truth}</p>\n{}",
+         <b>{}</b>.{more} {truth}</p>\n{}{}",
         report.duration_s,
         report.steps,
         escaped(report.estimator.as_deref().unwrap_or("none")),
         escaped(report.controller.as_deref().unwrap_or("unknown")),
-        verdict(report)
+        verdict(report),
+        covered(report)
+    )
+}
+
+/// What the controller has covered; empty for a task without `[coverage]`.
+fn covered(report: &Report) -> String {
+    let Some(result) = &report.coverage else {
+        return String::new();
+    };
+    let class = match result.outcome {
+        CoverageOutcome::Met => "good",
+        _ => "bad",
+    };
+    let items: String = coverage::details(result)
+        .iter()
+        .map(|detail| format!("<li>{}</li>", escaped(detail)))
+        .collect();
+    format!(
+        "<div class=\"{class}\"><b>Coverage by the controller: {}</b><ul>{items}</ul></div>\n",
+        escaped(&coverage::sentence(result))
     )
 }
 

@@ -2,6 +2,7 @@
 
 use super::config::ControllerConfig;
 use super::controller::Controller;
+use crate::coverage::CoverageResult;
 use crate::error::ControlError;
 use crate::estimator_choice::switching::SwitchRefusal;
 use crate::law::{EstimatorInUse, JointCommand, Law, LawInput, LawOutput, Start};
@@ -16,6 +17,8 @@ impl<const N: usize> Law<N> for Controller<N> {
     type Config = ControllerConfig;
 
     const PARAMETERS: &'static [Parameter] = &Parameter::ALL;
+
+    const COVERS: bool = true;
 
     fn step(&mut self, input: &LawInput<N>) -> LawOutput<N> {
         let output = Controller::step(self, input);
@@ -103,6 +106,10 @@ impl<const N: usize> Law<N> for Controller<N> {
 
     fn take_pass(&mut self) -> Option<EndedPass> {
         Controller::take_pass(self)
+    }
+
+    fn take_coverage(&mut self) -> Option<CoverageResult> {
+        Controller::take_coverage(self)
     }
 
     fn select(&mut self, name: &EstimatorName, force: bool) -> Result<(), SwitchRefusal> {

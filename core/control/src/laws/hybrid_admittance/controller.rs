@@ -13,7 +13,7 @@ use super::percept::{Percept, Requests};
 use super::run::Run;
 use super::travel::{Travel, TravelPoses};
 use crate::contact::alignment::alignment_error;
-use crate::coverage::Coverage;
+use crate::coverage::{Coverage, CoverageResult};
 use crate::error::ControlError;
 use crate::estimator_choice::switching::{ChoiceRules, SwitchRefusal};
 use crate::inputs::{EstimateInput, MAX_ESTIMATORS};
@@ -213,6 +213,20 @@ impl<const N: usize> Controller<N> {
     /// `[coverage]`.
     pub fn coverage(&self) -> Option<&Coverage> {
         self.memory.coverage.as_deref()
+    }
+
+    /// What the running or last task has covered, as it is now; `None` without `[coverage]`.
+    /// Allocates.
+    pub fn coverage_result(&self) -> Option<CoverageResult> {
+        let ended = !self.run.phase.is_active();
+        Some(self.memory.coverage.as_deref()?.result(ended))
+    }
+
+    /// What the task has covered, once at the end of each round, and at the end of a task that ends
+    /// before its last round does; otherwise `None`. Allocates nothing.
+    pub fn take_coverage(&mut self) -> Option<CoverageResult> {
+        let ended = !self.run.phase.is_active();
+        self.memory.coverage.as_deref_mut()?.take_result(ended)
     }
 
     /// Whether a task may start with the tool at `position` (base axes, m).

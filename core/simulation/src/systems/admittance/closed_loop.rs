@@ -7,8 +7,7 @@
 
 use tangent_control::{
     CommandKind, ContactSign, ControlError, ControlInput, ControlOutput, Controller,
-    ControllerConfig, ControllerWord, Coverage, EstimateInput, Limits, MAX_ESTIMATORS, Memory,
-    Program, Task,
+    ControllerConfig, ControllerWord, EstimateInput, Limits, MAX_ESTIMATORS, Memory, Program, Task,
 };
 use tangent_estimation::{ContactSample, NormalEstimate, NormalEstimator, build};
 use tangent_mechanics::{Aligned, Base, Flange, Pose, Tool, Twist, Wrench, manipulability};
@@ -99,7 +98,7 @@ pub(super) fn run_admittance(
         state_digest: closed_loop.digest.clone().finish(),
     };
     let mut evaluation = Evaluation::of(end, &samples);
-    evaluation.coverage = closed_loop.controller.coverage().map(Coverage::result);
+    evaluation.coverage = closed_loop.controller.coverage_result();
     (evaluation, samples)
 }
 
