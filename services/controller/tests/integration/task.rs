@@ -226,7 +226,7 @@ const COVERED: &str = r#"
     [path]
     kind = "region"
     outline_m = [[0.0, 0.0], [0.05, 0.0], [0.05, 0.05], [0.0, 0.05]]
-    spacing_m = 0.02
+    spacing_m = 0.04
     margin_m = 0.003
     speed_m_per_s = 0.05
     [coverage]
@@ -246,9 +246,11 @@ fn coverage_is_told_after_each_round_and_at_the_end_of_a_task_that_is_stopped() 
         let before = cell.allocations;
         cell.run_until("done");
         assert_eq!(cell.allocations, before);
-        let first = next().unwrap();
-        let last = std::iter::from_fn(next).last().unwrap();
-        assert_eq!((first.outcome, last.outcome), (0, 1), "{first:?} {last:?}");
+        let all: Vec<CoverageState> = std::iter::from_fn(next).collect();
+        let [first, .., last] = &all[..] else {
+            panic!("{all:?}");
+        };
+        assert_eq!((first.outcome, last.outcome), (0, 1), "{all:?}");
         assert_eq!((last.task.as_str(), last.holes), ("plate", 0));
         assert_eq!(last.activation, cell.said().activation);
         assert_eq!(last.share_by_round[..1], first.share_by_round[..]);
