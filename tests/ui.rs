@@ -425,8 +425,8 @@ fn an_engineer_teaches_a_task_in_a_browser() {
 #[test]
 fn a_cell_at_500_hz_is_shown_right_and_stopped_while_it_seeks() {
     live(|| {
-        // The surface steps down in the middle of the path, at a sharp rim: a tip rolls over a round one, and keeps
-        // its contact, where the circles before the path cross it.
+        // The surface steps down in the middle of the path, at a sharp rim: a tip rolls over a
+        // round one, and keeps its contact, where the circles before the path cross it.
         let surface = "shape = \"step\"\nheight_m = -0.012\nedge_radius_m = 0.0005\n\
                        position_m = [0.425, 0.0, 0.1]";
         let cell = Cell::with_e_series(surface, |cell| {
