@@ -387,7 +387,7 @@ message! {
 
 message! {
     /// What a task with `[coverage]` has covered, by the map of dose of its law. Published at the
-    /// end of each round, and at the end of a task that ends before its last round does.
+    /// end of each round that another one follows, and at the end of the task.
     pub struct CoverageState: "tangent_msgs/msg/CoverageState" {
         /// Header of the `ControlState` of the same cycle.
         pub header: Header,

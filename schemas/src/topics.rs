@@ -145,7 +145,7 @@ pub static SIMULATED_IMAGE: Topic<Image> = Topic::new("simulator/image", Deliver
 pub static CONTROL_STATE: Topic<ControlState> = Topic::new("control/state", Delivery::Stream);
 /// How the law adapts stiffness and force; once per cycle, by laws that do.
 pub static CONTROL_SHAPING: Topic<ShapingState> = Topic::new("control/shaping", Delivery::Stream);
-/// What a task with `[coverage]` has covered; at the end of each round.
+/// What a task with `[coverage]` has covered; after each round.
 pub static CONTROL_COVERAGE: Topic<CoverageState> =
     Topic::new("control/coverage", Delivery::Background);
 /// True state of the simulated contact. The system under test never reads it.

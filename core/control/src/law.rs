@@ -267,8 +267,8 @@ pub trait Law<const N: usize>: Send {
         None
     }
 
-    /// What a task with `[coverage]` has covered, once at the end of each round, and at the end of
-    /// a task that ends before its last round does; otherwise `None`. Allocates nothing.
+    /// What a task with `[coverage]` has covered, once at the end of each round that another one
+    /// follows, and at the end of the task; otherwise `None`. Allocates nothing.
     fn take_coverage(&mut self) -> Option<CoverageResult> {
         None
     }

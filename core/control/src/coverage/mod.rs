@@ -44,8 +44,9 @@ pub struct Coverage {
     shares: arrayvec::ArrayVec<f64, { spec::ROUNDS_MAX as usize }>,
     /// Why no further round follows; open until then.
     outcome: CoverageOutcome,
-    /// Number of rounds and outcome of the result that was taken last.
-    taken: (usize, CoverageOutcome),
+    /// When the last result was taken: number of rounds that another one follows, and whether the
+    /// task had ended.
+    taken: (usize, bool),
     search: HoleSearch,
 }
 
@@ -93,7 +94,7 @@ impl Coverage {
             planner: None,
             shares: arrayvec::ArrayVec::new(),
             outcome: CoverageOutcome::Open,
-            taken: (0, CoverageOutcome::Open),
+            taken: (0, false),
             spec: spec.clone(),
         }))
     }
@@ -186,15 +187,15 @@ impl Coverage {
         CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, &mut search)
     }
 
-    /// The map at the end of a round or of the task, once; otherwise `None`. `ended`: no task runs
-    /// any more.
+    /// The map at the end of a round that another one follows, and of the task, once; otherwise
+    /// `None`. `ended`: no task runs any more. The tool presses a little longer than the last
+    /// round.
     pub(crate) fn take_result(&mut self, ended: bool) -> Option<CoverageResult> {
-        let outcome = self.outcome(ended);
-        let now = (self.shares.len(), outcome);
-        if std::mem::replace(&mut self.taken, now) == now {
+        let followed = self.shares.len() - usize::from(self.is_done());
+        if std::mem::replace(&mut self.taken, (followed, ended)) == (followed, ended) {
             return None;
         }
-        let goal = (self.spec.share_min, outcome);
+        let goal = (self.spec.share_min, self.outcome(ended));
         let search = &mut self.search;
         let result = CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, search);
         Some(result)

@@ -62,16 +62,19 @@ fn run(task: &Task) -> CoverageResult {
         assert!(ended > progress && ended < 1.0, "{progress} {ended}");
         progress = ended;
         let goes_on = coverage.end_round(end, &mut path);
-        let taken = coverage.take_result(false).unwrap();
+        let taken = coverage.take_result(false);
+        assert_eq!(
+            taken.map(|r| r.outcome),
+            goes_on.then_some(CoverageOutcome::Open)
+        );
         assert_eq!(coverage.take_result(false), None);
         if !goes_on {
             assert_eq!(coverage.progress(1.0), 1.0);
-            // Nothing has changed since.
+            let last = coverage.take_result(true).unwrap();
             assert_eq!(coverage.take_result(true), None);
-            assert_eq!(coverage.result(true), taken);
-            return taken;
+            assert_eq!(coverage.result(true), last);
+            return last;
         }
-        assert_eq!(taken.outcome, CoverageOutcome::Open);
         assert!((coverage.progress(0.0) - progress).abs() < 1e-12);
         while coverage.is_planning() {
             coverage.plan(&mut path);
@@ -198,7 +201,8 @@ fn what_no_stroke_reaches_is_given_up() {
         cell.reached_from = None;
     }
     assert!(!coverage.end_round(Vector2::zeros(), &mut path));
-    let result = coverage.take_result(false).unwrap();
+    assert_eq!(coverage.take_result(false), None);
+    let result = coverage.take_result(true).unwrap();
     assert_eq!(result.outcome, CoverageOutcome::OutOfReach);
 }
 

@@ -222,8 +222,8 @@ impl<const N: usize> Controller<N> {
         Some(self.memory.coverage.as_deref()?.result(ended))
     }
 
-    /// What the task has covered, once at the end of each round, and at the end of a task that ends
-    /// before its last round does; otherwise `None`. Allocates nothing.
+    /// What the task has covered, once at the end of each round that another one follows, and at
+    /// the end of the task; otherwise `None`. Allocates nothing.
     pub fn take_coverage(&mut self) -> Option<CoverageResult> {
         let ended = !self.run.phase.is_active();
         self.memory.coverage.as_deref_mut()?.take_result(ended)
