@@ -14,6 +14,9 @@ use crate::motion::Motion;
 /// Fluctuation of friction around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
 
+/// Error of the direction of a force, rad: cross-talk between the sensor's axes.
+const DIRECTION_SD_RAD: f64 = 0.02;
+
 /// Distance over which the contact stays at its place on the tip, m.
 const PLACE_LENGTH_M: f64 = 0.02;
 
@@ -35,9 +38,15 @@ impl ContactFilter {
         let mut row = Row::zeros();
         row[HEIGHT] = 1.0;
         row.fixed_rows_mut::<2>(GIVE).copy_from(&given);
+        // A wrong normal takes the motion of a bent tool for a slope.
+        let give = state.surface.give_m_per_n;
+        let bent = motion.rotation * force.component_mul(&give.yyx());
+        let by_normal = state.surface.frame.project(&bent);
+        row[NORMAL] += by_normal.x;
+        row[NORMAL + 1] += by_normal.y;
         let innovation = -state.surface.height_m - given.dot(&state.surface.give_m_per_n);
         state.noise.learn_height(innovation, distance);
-        let give = state.surface.give_m_per_n.x.max(0.0);
+        let give = give.x;
         let variance = state.noise.height_variance_of_sample(distance)
             + give * give * state.noise.force_variance_of_sample(motion.dt_s);
         // A seam or a step changes the height at once; a wrong slope changes it bit by bit.
@@ -72,8 +81,11 @@ impl ContactFilter {
 
         let across_innovation = across.dot(&force);
         state.noise.learn_force(across_innovation, motion.dt_s);
-        let noise = state.noise.force_variance_of_sample(motion.dt_s);
-        let row = state.force_row(&across, &normal, &t, load, motion);
+        let noise = state.noise.force_variance_of_sample(motion.dt_s)
+            + (DIRECTION_SD_RAD * load).powi(2) * alike;
+        let mut row = state.force_row(&across, &normal, &t, load, motion);
+        let turned_by_give = across.dot(&state.slide.tip_by_give) / slide.norm();
+        row[GIVE + 1] = -load * state.surface.friction * turned_by_give;
         // Friction leaks across by the error of the direction of sliding. Half of this error is
         // that of the arm's velocity, the other half that of a tool that yields and turns.
         let sideways = (2.0 * self.config.sensing.velocity_sd_m_per_s / speed).min(0.5);

@@ -129,7 +129,7 @@ impl ContactFilter {
             self.measure_height(state, motion);
             let force = state.force(motion);
             let step = tangential * motion.dt_s;
-            let give = state.surface.give_m_per_n.y.max(0.0);
+            let give = state.surface.give_m_per_n.y;
             let presliding_m = contact.presliding_distance_m;
             state.learn_compliance_across(motion, pressing_n);
             state

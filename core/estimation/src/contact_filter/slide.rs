@@ -4,9 +4,11 @@ use nalgebra::Vector3;
 
 /// Time constant of the rate at which the direction of sliding turns, s.
 const RATE_TIME_S: f64 = 0.05;
-/// Share of the angle between the tip's direction and the tool's by which the former may be wrong:
-/// the compliance that it follows from is known roughly.
-const BEND_DOUBT: f64 = 0.3;
+/// Share of the angle between the tip's direction and the tool's by which the former may be wrong,
+/// beside the error of the compliance, which is a state.
+const BEND_DOUBT: f64 = 0.1;
+/// Length of the tip's direction from which the tip slides, and no longer sticks.
+const FOLLOWED: f64 = 0.7;
 /// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction
 /// follows a gentler turn without it.
 const TURN_COS_MIN: f64 = 0.5;
@@ -21,11 +23,13 @@ pub(super) struct Slide {
     /// Direction in which the tip slides, world axes: follows its motion over the presliding
     /// distance, and is shorter than one until it has.
     pub tip_direction: Vector3<f64>,
+    /// Derivative of the tip's direction by the compliance across the tool's axis, N/m.
+    pub tip_by_give: Vector3<f64>,
     /// Force at the last sample, world axes, N.
     pub force_n: Option<Vector3<f64>>,
     /// Innovation of the height at the last sample, m.
     pub height_innovation_m: f64,
-    /// Position (m) and force (N) at the last rest, world axes.
+    /// Position (m) and force (N) at the last rest, world axes; `None` once the tip slides.
     pub rest: Option<(Vector3<f64>, Vector3<f64>)>,
     /// Turn rate of the sliding direction.
     pub turn_rate_rad_per_s: f64,
@@ -63,16 +67,26 @@ impl Slide {
         length_m: f64,
     ) {
         let change = force - self.force_n.replace(*force).unwrap_or(*force);
-        let bent = (change - normal * normal.dot(&change)) * give_across_m_per_n;
-        let moved = step + bent;
+        let bent = change - normal * normal.dot(&change);
+        let moved = step + bent * give_across_m_per_n;
         let way = moved.norm();
+        let way_by_give = if way > 0.0 {
+            moved.dot(&bent) / way
+        } else {
+            0.0
+        };
+        self.tip_by_give +=
+            (bent - self.tip_direction * way_by_give - self.tip_by_give * way) / (length_m + way);
         self.tip_direction += (moved - self.tip_direction * way) / (length_m + way);
+        if self.tip_direction.norm() > FOLLOWED {
+            self.rest = None;
+        }
     }
 
     /// Uncertainty of the direction in which friction acts, rad.
     pub fn tip_direction_sd_rad(&self) -> f64 {
         let known = self.tip_direction.norm();
         let behind = 1.0 - self.tip_direction.dot(&self.direction) / known.max(1e-9);
-        2.0 * (1.0 - known).max(0.0) + BEND_DOUBT * (2.0 * behind.max(0.0)).sqrt()
+        (1.0 - known).max(0.0) + BEND_DOUBT * (2.0 * behind.max(0.0)).sqrt()
     }
 }

@@ -34,6 +34,9 @@ pub(crate) enum ContactPhase {
 
 /// Range of a measured compliance, m/N. Values outside are clamped.
 const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
+/// Largest compliance across the tool's axis over the one that was measured: a tip that slid
+/// meanwhile moved further than its tool gave.
+const ACROSS_MOST: f64 = 1.2;
 /// Uncertainty of a compliance that was measured at touchdown, as a share of it.
 const GIVE_DOUBT: f64 = 0.4;
 /// Uncertainty of the compliance across the tool's axis, as a share of that along it.
@@ -92,6 +95,8 @@ pub(super) struct SurfaceState {
     pub height_m: f64,
     /// Compliance along the tool's axis and across it, m/N.
     pub give_m_per_n: Vector2<f64>,
+    /// Largest compliance across the tool's axis, m/N.
+    pub give_across_most_m_per_n: f64,
     /// Error of the tip's stated position, tool axes, m.
     pub tip_m: Vector3<f64>,
     pub covariance: SMatrix<f64, STATES, STATES>,
@@ -321,6 +326,7 @@ impl SurfaceState {
             rotation: Vector3::zeros(),
             height_m: 0.0,
             give_m_per_n: Vector2::repeat(config.sensing.compliance_m_per_n),
+            give_across_most_m_per_n: COMPLIANCE_M_PER_N.1,
             tip_m: Vector3::zeros(),
             covariance,
             news: CurvatureNews::default(),
@@ -374,6 +380,7 @@ impl SurfaceState {
     /// Sets the compliance across the tool's axis to a measurement, which includes the tip's own.
     fn set_give_across(&mut self, measured_m_per_n: f64) {
         self.give_m_per_n.y = measured_m_per_n;
+        self.give_across_most_m_per_n = (ACROSS_MOST * measured_m_per_n).min(COMPLIANCE_M_PER_N.1);
         self.restart(GIVE + 1, (GIVE_ACROSS_SD * measured_m_per_n).powi(2));
     }
 
@@ -455,7 +462,11 @@ impl SurfaceState {
         self.weight_n += change[WEIGHT];
         self.rotation += change.fixed_rows::<3>(ROTATION);
         self.height_m += change[HEIGHT];
-        self.give_m_per_n += change.fixed_rows::<2>(GIVE);
+        let (least, most) = COMPLIANCE_M_PER_N;
+        let give = self.give_m_per_n + change.fixed_rows::<2>(GIVE);
+        let most_across = self.give_across_most_m_per_n;
+        self.give_m_per_n =
+            Vector2::new(give.x.clamp(least, most), give.y.clamp(least, most_across));
         self.tip_m += change.fixed_rows::<3>(TIP);
     }
 }

@@ -6,10 +6,10 @@ use tangent_sensing::Validity;
 use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
-use super::losses::Felt;
+use super::losses::{Felt, Touch};
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
-use super::touchdown::approach_speed;
+use super::touchdown::{approach_speed, touch_force_n};
 use super::urgent::urgent_fault;
 use crate::estimator_choice::EstimateStatus;
 use crate::limits::Limits;
@@ -104,6 +104,13 @@ impl Run {
                 return self.leave(percept, Some(Fault::SurfaceEnds));
             }
             if !self.in_contact && self.phase.is_pressing() && !self.stands_without_wrench() {
+                if self.phase == Phase::Contact
+                    && self
+                        .touch
+                        .was_none(&self.felt, touch_force_n(config, reference_n))
+                {
+                    return self.approach_on(percept);
+                }
                 self.lost_count += 1;
                 if self.lost_count > config.contact.lost_count_max {
                     return self.leave(percept, Some(Fault::ContactUnstable));
@@ -291,6 +298,7 @@ impl Run {
         }
         self.acting = ActingPoint::default();
         self.off = false;
+        self.touch = self.touch.next(self.phase, self.phase_start, self.touched);
         if !self.touched {
             self.touched = true;
             self.tracking.begin_at(percept.position);
@@ -299,5 +307,19 @@ impl Run {
         self.low_s = 0.0;
         self.felt = Felt::default();
         self.enter(Phase::Contact, percept);
+    }
+
+    /// Goes on with what a touch that was none has interrupted. The distance already covered counts.
+    fn approach_on(&mut self, percept: &Percept) {
+        let Touch {
+            from,
+            start,
+            touched,
+            ..
+        } = self.touch;
+        self.touched = touched;
+        self.tracking.freeze();
+        self.enter(from, percept);
+        self.phase_start = start;
     }
 }

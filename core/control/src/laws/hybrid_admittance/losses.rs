@@ -1,9 +1,11 @@
 //! Losses of contact by place: one that repeats where it happened before changes the approach, and
 //! then ends the task.
 //!
-//! Called by the phase machine at each loss, and by the motion.
+//! Called by the phase machine at each touch and loss, and by the motion.
 
 use nalgebra::Vector3;
+
+use crate::phase_machine::Phase;
 
 /// Distance within which losses are at one place, m.
 const PLACE_M: f64 = 0.01;
@@ -13,6 +15,12 @@ const SLOWER_FACTOR: f64 = 0.6;
 /// Slowest share of the speed.
 const SHARE_MIN: f64 = 0.1;
 
+/// Force that a touch must have reached to be one, as a factor of the force that counts as a touch:
+/// more than the drift of a zero and noise.
+const REAL_SHARE: f64 = 2.0;
+/// Largest number of touches in sequence that may be none.
+const UNREAL_MAX: u32 = 10;
+
 /// Depth by which the tool gets further in from loss to loss where a surface ends, m.
 const DEEPER_M: f64 = 1e-3;
 
@@ -21,6 +29,7 @@ const DEEPER_M: f64 = 1e-3;
 pub(crate) struct Felt {
     pressing_n_s: f64,
     aside_n_s: f64,
+    pressing_most_n: f64,
 }
 
 impl Felt {
@@ -28,11 +37,57 @@ impl Felt {
     pub fn add(&mut self, pressing_n: f64, aside_n: f64, dt_s: f64) {
         self.pressing_n_s += pressing_n.max(0.0) * dt_s;
         self.aside_n_s += aside_n * dt_s;
+        self.pressing_most_n = self.pressing_most_n.max(pressing_n);
     }
 
     /// Whether the tool was held aside more than it pressed: by a rim.
     fn is_aside(&self) -> bool {
         self.aside_n_s > self.pressing_n_s
+    }
+}
+
+/// A touch, with what it interrupted: where the force then vanishes without having grown, there was
+/// no surface, and that goes on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Touch {
+    /// The approach, or the way back to a lost surface.
+    pub from: Phase,
+    /// Where that began, m.
+    pub start: Vector3<f64>,
+    /// Whether the tool had touched before.
+    pub touched: bool,
+    /// Touches before this one that were none, in sequence.
+    unreal: u32,
+}
+
+impl Default for Touch {
+    fn default() -> Self {
+        Self {
+            from: Phase::Approach,
+            start: Vector3::zeros(),
+            touched: false,
+            unreal: 0,
+        }
+    }
+}
+
+impl Touch {
+    /// The next touch.
+    pub fn next(&self, from: Phase, start: Vector3<f64>, touched: bool) -> Self {
+        Self {
+            from,
+            start,
+            touched,
+            unreal: self.unreal,
+        }
+    }
+
+    /// Whether a touch that has ended was none, by what the tool `felt`; `touch_n` is the force that
+    /// counts as a touch, N. Many in sequence are real: a tool that bounces.
+    pub fn was_none(&mut self, felt: &Felt, touch_n: f64) -> bool {
+        let none = felt.pressing_most_n < REAL_SHARE * touch_n && self.unreal < UNREAL_MAX;
+        self.unreal = if none { self.unreal + 1 } else { 0 };
+        none
     }
 }
 
@@ -99,6 +154,21 @@ mod tests {
         assert_eq!(losses.speed_share(&there), 1.0);
         assert_eq!(losses.count(&there, &up, &felt), 1);
         assert_eq!(losses.speed_share(&there), 1.0);
+    }
+
+    #[test]
+    fn a_touch_whose_force_did_not_grow_was_none_but_not_for_ever() {
+        let mut felt = Felt::default();
+        felt.add(0.4, 0.1, 0.1);
+        felt.add(0.2, 0.1, 0.1);
+        let mut touch = Touch::default();
+        let none = (0..12)
+            .map(|_| touch.was_none(&felt, 0.3))
+            .collect::<Vec<_>>();
+        assert_eq!(none.iter().filter(|none| **none).count(), 11);
+        assert!(!none[10]);
+        felt.add(0.7, 0.1, 0.1);
+        assert!(!touch.was_none(&felt, 0.3));
     }
 
     #[test]

@@ -12,7 +12,7 @@ use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
 use super::lift::Lifting;
-use super::losses::{Felt, Losses};
+use super::losses::{Felt, Losses, Touch};
 use super::pace::Exploration;
 use super::percept::Percept;
 use super::surface::Surface;
@@ -59,6 +59,7 @@ pub(crate) struct Run {
     pub lost_count: u32,
     pub losses: Losses,
     pub felt: Felt,
+    pub touch: Touch,
     pub approach: Vector3<f64>,
     /// Direction away from the surface that replaces the last good normal.
     pub way_off: Option<Vector3<f64>>,
@@ -124,6 +125,7 @@ impl Run {
             lost_count: 0,
             losses: Losses::default(),
             felt: Felt::default(),
+            touch: Touch::default(),
             approach: -Vector3::z(),
             way_off: None,
             retract: Vector3::z(),

@@ -10,6 +10,7 @@ use super::moving_base::MovingBase;
 use super::percept::Percept;
 use super::run::Run;
 use super::surface::Surface;
+use super::touchdown::touch_force_n;
 use crate::estimator_choice::EstimateStatus;
 use crate::estimator_choice::switching::ChoiceRules;
 use crate::limits::Limits;
@@ -174,7 +175,7 @@ impl Run {
     /// Detects contact from the force, with hysteresis and a minimum duration against noise.
     fn feel(&mut self, config: &ControllerConfig, force_n: f64, reference_n: f64, dt_s: f64) {
         let contact = &config.contact;
-        let touch = (contact.touch_share * reference_n).max(contact.noise_n);
+        let touch = touch_force_n(config, reference_n);
         let lost = (contact.lost_share * reference_n)
             .max(0.5 * contact.noise_n)
             .min(0.7 * touch);

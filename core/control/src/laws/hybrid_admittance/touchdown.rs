@@ -18,6 +18,11 @@ const PEAK_SHARE: f64 = 2.0;
 /// Minimum touchdown speed, m/s.
 const SPEED_MIN_M_PER_S: f64 = 0.0005;
 
+/// Force from which the tool touches, N.
+pub(crate) fn touch_force_n(config: &ControllerConfig, reference_n: f64) -> f64 {
+    (config.contact.touch_share * reference_n).max(config.contact.noise_n)
+}
+
 /// Stiffest contact expected before one was measured, N/m.
 pub(crate) fn stiffness_expected(program: &Program, config: &ControllerConfig) -> f64 {
     program
@@ -34,7 +39,7 @@ pub(crate) fn touchdown_speed(
     reference_n: f64,
     stiffness_n_per_m: f64,
 ) -> f64 {
-    let touch_n = (config.contact.touch_share * reference_n).max(config.contact.noise_n);
+    let touch_n = touch_force_n(config, reference_n);
     let room_n = (1.0 + config.force.overshoot_accepted) * reference_n - touch_n;
     let longest_s = delay_longest_s(&config.force);
     // A contact stiffer than expected must not exceed the peak that any contact may have.
