@@ -14,8 +14,9 @@ use crate::motion::Motion;
 /// Fluctuation of friction around Coulomb's law, relative.
 const FRICTION_FLUCTUATION: f64 = 0.03;
 
-/// Error of the direction of a force, rad: cross-talk between the sensor's axes.
-const DIRECTION_SD_RAD: f64 = 0.02;
+/// Error of the direction of a force by cross-talk between the sensor's axes, over the error of the
+/// rotation of these axes.
+const CROSS_TALK: f64 = 2.0;
 
 /// Distance over which the contact stays at its place on the tip, m.
 const PLACE_LENGTH_M: f64 = 0.02;
@@ -82,7 +83,7 @@ impl ContactFilter {
         let across_innovation = across.dot(&force);
         state.noise.learn_force(across_innovation, motion.dt_s);
         let noise = state.noise.force_variance_of_sample(motion.dt_s)
-            + (DIRECTION_SD_RAD * load).powi(2) * alike;
+            + (CROSS_TALK * self.config.sensing.rotation_sd_rad * load).powi(2) * alike;
         let mut row = state.force_row(&across, &normal, &t, load, motion);
         let turned_by_give = across.dot(&state.slide.tip_by_give) / slide.norm();
         row[GIVE + 1] = -load * state.surface.friction * turned_by_give;

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 const RATE_TIME_S: f64 = 0.05;
 /// Share of the angle between the tip's direction and the tool's by which the former may be wrong,
 /// beside the error of the compliance, which is a state.
-const BEND_DOUBT: f64 = 0.1;
+const BEND_DOUBT: f64 = 0.3;
 /// Length of the tip's direction from which the tip slides, and no longer sticks.
 const FOLLOWED: f64 = 0.7;
 /// Cosine of the turn of the sliding direction beyond which presliding starts again. Friction

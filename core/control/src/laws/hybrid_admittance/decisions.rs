@@ -298,7 +298,13 @@ impl Run {
         }
         self.acting = ActingPoint::default();
         self.off = false;
-        self.touch = self.touch.next(self.phase, self.phase_start, self.touched);
+        self.touch = Touch {
+            from: self.phase,
+            start: self.phase_start,
+            touched: self.touched,
+            tared_at,
+            unreal: self.touch.unreal,
+        };
         if !self.touched {
             self.touched = true;
             self.tracking.begin_at(percept.position);
@@ -311,15 +317,11 @@ impl Run {
 
     /// Goes on with what a touch that was none has interrupted. The distance already covered counts.
     fn approach_on(&mut self, percept: &Percept) {
-        let Touch {
-            from,
-            start,
-            touched,
-            ..
-        } = self.touch;
-        self.touched = touched;
+        let before = self.touch;
+        self.touched = before.touched;
+        self.tared_at = before.tared_at;
         self.tracking.freeze();
-        self.enter(from, percept);
-        self.phase_start = start;
+        self.enter(before.from, percept);
+        self.phase_start = before.start;
     }
 }

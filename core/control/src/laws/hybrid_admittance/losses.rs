@@ -56,8 +56,10 @@ pub(crate) struct Touch {
     pub start: Vector3<f64>,
     /// Whether the tool had touched before.
     pub touched: bool,
+    /// Where the zero in force was taken, m; `None` if the tool had touched after it.
+    pub tared_at: Option<Vector3<f64>>,
     /// Touches before this one that were none, in sequence.
-    unreal: u32,
+    pub unreal: u32,
 }
 
 impl Default for Touch {
@@ -66,22 +68,13 @@ impl Default for Touch {
             from: Phase::Approach,
             start: Vector3::zeros(),
             touched: false,
+            tared_at: None,
             unreal: 0,
         }
     }
 }
 
 impl Touch {
-    /// The next touch.
-    pub fn next(&self, from: Phase, start: Vector3<f64>, touched: bool) -> Self {
-        Self {
-            from,
-            start,
-            touched,
-            unreal: self.unreal,
-        }
-    }
-
     /// Whether a touch that has ended was none, by what the tool `felt`; `touch_n` is the force that
     /// counts as a touch, N. Many in sequence are real: a tool that bounces.
     pub fn was_none(&mut self, felt: &Felt, touch_n: f64) -> bool {
