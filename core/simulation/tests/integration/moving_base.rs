@@ -53,7 +53,7 @@ fn well(result: &Evaluation, what: &str) {
 fn the_force_stays_within_fifteen_percent_while_the_base_moves() {
     // The sensor's own drift after the tare is 5 % on seed 3. Straight at the tool, the odometry's
     // delay counts most while the tool explores: the force law has no slope to learn yet.
-    for (velocity, most) in [("[0.016,0.012,0.0]", SHARE), ("[0.0,0.0,0.02]", 0.24)] {
+    for (velocity, most) in [("[0.016,0.012,0.0]", SHARE), ("[0.0,0.0,0.02]", 0.25)] {
         for latency in ["0.02", "0.05"] {
             for seed in ["1", "2", "3"] {
                 let result = run(&[
