@@ -41,8 +41,9 @@ const ACROSS_MOST: f64 = 1.2;
 const GIVE_DOUBT: f64 = 0.4;
 /// Uncertainty of the compliance across the tool's axis, as a share of that along it.
 const GIVE_ACROSS_DOUBT: f64 = 1.5;
-/// Uncertainty of a compliance across the axis that was measured, as a share of it.
-const GIVE_ACROSS_SD: f64 = 1.0;
+/// Compliance across the axis and its standard deviation, as shares of the measured one, which is an
+/// upper bound: the tip may have slid meanwhile.
+const GIVE_ACROSS: (f64, f64) = (0.6, 0.4);
 /// Change of the force across from which that compliance is measured: share of the load, and N.
 const ACROSS_SHARE: f64 = 0.15;
 const ACROSS_MIN_N: f64 = 0.3;
@@ -377,11 +378,12 @@ impl SurfaceState {
         self.covariance[(i, i)] = variance;
     }
 
-    /// Sets the compliance across the tool's axis to a measurement, which includes the tip's own.
+    /// Sets the compliance across the tool's axis by a measurement, which includes the tip's own.
     fn set_give_across(&mut self, measured_m_per_n: f64) {
-        self.give_m_per_n.y = measured_m_per_n;
+        let (share, sd) = GIVE_ACROSS;
+        self.give_m_per_n.y = share * measured_m_per_n;
         self.give_across_most_m_per_n = (ACROSS_MOST * measured_m_per_n).min(COMPLIANCE_M_PER_N.1);
-        self.restart(GIVE + 1, (GIVE_ACROSS_SD * measured_m_per_n).powi(2));
+        self.restart(GIVE + 1, (sd * measured_m_per_n).powi(2));
     }
 
     /// Resets normal and shape to the tool's axis and a flat surface, as at a first touchdown.
