@@ -41,8 +41,8 @@ const ACROSS_MOST: f64 = 1.2;
 const GIVE_DOUBT: f64 = 0.4;
 /// Uncertainty of the compliance across the tool's axis, as a share of that along it.
 const GIVE_ACROSS_DOUBT: f64 = 1.5;
-/// Compliance across the axis and its standard deviation, as shares of the measured one, which is an
-/// upper bound: the tip may have slid meanwhile.
+/// Compliance across the axis and its standard deviation, as shares of the measured one, which is
+/// an upper bound: the tip may have slid meanwhile.
 const GIVE_ACROSS: (f64, f64) = (0.6, 0.4);
 /// Change of the force across from which that compliance is measured: share of the load, and N.
 const ACROSS_SHARE: f64 = 0.15;

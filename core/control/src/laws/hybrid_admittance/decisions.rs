@@ -315,7 +315,7 @@ impl Run {
         self.enter(Phase::Contact, percept);
     }
 
-    /// Goes on with what a touch that was none has interrupted. The distance already covered counts.
+    /// Goes on with what a touch that was none has interrupted. The distance covered counts.
     fn approach_on(&mut self, percept: &Percept) {
         let before = self.touch;
         self.touched = before.touched;

@@ -75,8 +75,8 @@ impl Default for Touch {
 }
 
 impl Touch {
-    /// Whether a touch that has ended was none, by what the tool `felt`; `touch_n` is the force that
-    /// counts as a touch, N. Many in sequence are real: a tool that bounces.
+    /// Whether a touch that has ended was none, by what the tool `felt`; `touch_n` is the force
+    /// that counts as a touch, N. Many in sequence are real: a tool that bounces.
     pub fn was_none(&mut self, felt: &Felt, touch_n: f64) -> bool {
         let none = felt.pressing_most_n < REAL_SHARE * touch_n && self.unreal < UNREAL_MAX;
         self.unreal = if none { self.unreal + 1 } else { 0 };
