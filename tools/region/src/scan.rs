@@ -6,11 +6,11 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::draft::{RegionOptions, cell_m};
 use crate::error::RegionError;
 use crate::height_map::HeightMap;
 use crate::isoline::Field;
 use crate::mesh::{Mesh, bounds};
+use crate::options::{RegionOptions, cell_m};
 use crate::patch::unit;
 use crate::plane::TaskPlane;
 

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use tangent_control::{ExpectedSurface, Pattern};
 
-use crate::draft::RegionOptions;
 use crate::fill::Fill;
+use crate::options::RegionOptions;
 use crate::plane::TaskPlane;
 
 /// The approach continues this far below the expected surface, m.

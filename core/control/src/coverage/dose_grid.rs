@@ -9,7 +9,7 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::rules::RoundRules;
 use crate::error::ControlError;
-use crate::task::ExpectedSurface;
+use crate::task::expected_surface::ExpectedSurface;
 use crate::task::region::Region;
 use crate::task::region::polygon::nearest_in_space;
 

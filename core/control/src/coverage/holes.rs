@@ -17,7 +17,7 @@ pub(super) struct Holes {
 }
 
 /// Room for a search. Making it allocates; searching does not.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct HoleSearch {
     seen: Vec<bool>,
     /// Cells whose neighbours are still to be looked at, in the first places.

@@ -12,7 +12,7 @@ mod holes;
 mod result;
 mod round;
 mod rules;
-mod spec;
+pub(crate) mod spec;
 
 use nalgebra::Vector2;
 
@@ -21,6 +21,7 @@ use crate::task::Task;
 use crate::task::path::Path;
 use dose_grid::DoseGrid;
 use holes::HoleSearch;
+use result::Shares;
 use round::{Planner, STROKES_MAX};
 use rules::RoundRules;
 
@@ -41,7 +42,7 @@ pub struct Coverage {
     room: Path,
     planner: Option<Planner>,
     /// Share of the region within the band at the end of each round.
-    shares: arrayvec::ArrayVec<f64, { spec::ROUNDS_MAX as usize }>,
+    shares: Shares,
     /// Why no further round follows; open until then.
     outcome: CoverageOutcome,
     /// When the last result was taken: number of rounds that another one follows, and whether the
@@ -92,7 +93,7 @@ impl Coverage {
             grid,
             room: Path::with_room(STROKES_MAX, path.rise()),
             planner: None,
-            shares: arrayvec::ArrayVec::new(),
+            shares: Shares::new(),
             outcome: CoverageOutcome::Open,
             taken: (0, false),
             spec: spec.clone(),
@@ -182,9 +183,7 @@ impl Coverage {
 
     /// The map as it is now; `ended`: no task runs any more. Allocates.
     pub(crate) fn result(&self, ended: bool) -> CoverageResult {
-        let goal = (self.spec.share_min, self.outcome(ended));
-        let mut search = self.search.clone();
-        CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, &mut search)
+        self.judged(ended, &mut self.search.clone())
     }
 
     /// The map at the end of a round that another one follows, and of the task, once; otherwise
@@ -195,10 +194,15 @@ impl Coverage {
         if std::mem::replace(&mut self.taken, (followed, ended)) == (followed, ended) {
             return None;
         }
-        let goal = (self.spec.share_min, self.outcome(ended));
-        let search = &mut self.search;
-        let result = CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, search);
+        let mut search = std::mem::take(&mut self.search);
+        let result = self.judged(ended, &mut search);
+        self.search = search;
         Some(result)
+    }
+
+    fn judged(&self, ended: bool, search: &mut HoleSearch) -> CoverageResult {
+        let goal = (self.spec.share_min, self.outcome(ended));
+        CoverageResult::of(&self.grid, &self.rules, &self.shares, goal, search)
     }
 
     fn outcome(&self, ended: bool) -> CoverageOutcome {

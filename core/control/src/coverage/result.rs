@@ -8,6 +8,9 @@ use super::holes::HoleSearch;
 use super::rules::RoundRules;
 use super::spec::ROUNDS_MAX;
 
+/// One share of the region for each round.
+pub(super) type Shares = ArrayVec<f64, { ROUNDS_MAX as usize }>;
+
 /// Why no further round follows. The numeric value is `CoverageState.outcome`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -59,7 +62,7 @@ pub struct CoverageResult {
     /// Number of rounds that have ended, but at least 1.
     pub rounds: u32,
     /// Share of the region within the band after each round.
-    pub share_by_round: ArrayVec<f64, { ROUNDS_MAX as usize }>,
+    pub share_by_round: Shares,
     /// Share of the region within the band at the end.
     pub share: f64,
     /// Share of the region within the band that the task asks for.
@@ -87,7 +90,7 @@ impl CoverageResult {
     pub(super) fn of(
         grid: &DoseGrid,
         rules: &RoundRules,
-        shares: &ArrayVec<f64, { ROUNDS_MAX as usize }>,
+        shares: &Shares,
         (share_min, outcome): (f64, CoverageOutcome),
         search: &mut HoleSearch,
     ) -> Self {

@@ -2,7 +2,7 @@
 //!
 //! Read from TOML by the `controller` service and by the scenarios of `evaluate`.
 
-mod expected_surface;
+pub(crate) mod expected_surface;
 pub mod path;
 pub mod preflight;
 pub mod profile;
@@ -17,7 +17,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::Tip;
 
-use crate::coverage::CoverageSpec;
+use crate::coverage::spec::CoverageSpec;
 use crate::error::{ControlError, check_range};
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;

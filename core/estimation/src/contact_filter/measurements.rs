@@ -45,11 +45,10 @@ impl ContactFilter {
         let by_normal = state.surface.frame.project(&bent);
         row[NORMAL] += by_normal.x;
         row[NORMAL + 1] += by_normal.y;
-        let innovation = -state.surface.height_m - given.dot(&state.surface.give_m_per_n);
+        let innovation = -state.surface.height_m - given.dot(&give);
         state.noise.learn_height(innovation, distance);
-        let give = give.x;
         let variance = state.noise.height_variance_of_sample(distance)
-            + give * give * state.noise.force_variance_of_sample(motion.dt_s);
+            + give.x * give.x * state.noise.force_variance_of_sample(motion.dt_s);
         // A seam or a step changes the height at once; a wrong slope changes it bit by bit.
         let jump = innovation - std::mem::replace(&mut state.slide.height_innovation_m, innovation);
         let most = JUMP_SLOPE * distance + JUMP_SD * state.noise.height_variance().sqrt();
