@@ -8,7 +8,7 @@ use super::config::ContactConfig;
 use super::friction::Friction;
 use super::friction_variation::FrictionVariation;
 use super::normal_force::HuntCrossley;
-use crate::surfaces::Surface;
+use crate::surfaces::{FACES_MAX, Surface};
 
 /// A disk of contact points in the tool's xy plane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -86,6 +86,7 @@ fn disk(pad: &PadConfig) -> Vec<Vector3<f64>> {
 pub struct Pad {
     /// Positions of the points, tool axes, m; the centre of the ball for a round tip.
     points: Vec<Vector3<f64>>,
+    /// One for each point; of a ball, one for each face.
     bristles: Vec<Vector3<f64>>,
     /// Radius of the ball around each point, m: that of a round tip, otherwise 0.
     ball_radius: f64,
@@ -256,8 +257,8 @@ impl Pad {
         }
     }
 
-    /// A ball whose foremost point is the tool's origin: it touches where the surface is closest to
-    /// its centre. `radius` in m.
+    /// A ball whose foremost point is the tool's origin: it touches each face where that is closest
+    /// to its centre, as in the corner at the foot of a step. `radius` in m.
     pub fn ball(radius: f64, contact: &ContactConfig, stiffness: f64) -> Self {
         let centre = Vector3::new(0.0, 0.0, -radius);
         Self::of_points(vec![centre], radius, contact, stiffness)
@@ -271,13 +272,19 @@ impl Pad {
     ) -> Self {
         // With an exponent other than 1, the stiffness holds at a depth of 1 mm.
         let scale = 1e-3f64.powf(1.0 - contact.exponent);
+        // A ball can touch several faces at once.
+        let bristles = if ball_radius > 0.0 {
+            FACES_MAX
+        } else {
+            points.len()
+        };
         let law = HuntCrossley {
             stiffness: stiffness * scale / points.len() as f64,
             exponent: contact.exponent,
             dissipation_s_per_m: contact.dissipation_s_per_m,
         };
         Self {
-            bristles: vec![Vector3::zeros(); points.len()],
+            bristles: vec![Vector3::zeros(); bristles],
             reach: points.iter().map(|p| p.norm()).fold(0.0, f64::max) + ball_radius,
             points,
             ball_radius,
@@ -329,42 +336,52 @@ impl Pad {
             return sum;
         }
         let rotation = motion.rotation.to_rotation_matrix();
-        for (point, bristle) in self.points.iter().zip(&mut self.bristles) {
-            let mut arm = rotation * point;
-            let (mut distance, mut normal) = surface.distance_and_normal(&(motion.origin + arm));
-            if self.ball_radius > 0.0 {
-                arm -= normal * self.ball_radius;
-                distance -= self.ball_radius;
+        let mut press =
+            |distance: f64, normal: Vector3<f64>, arm: Vector3<f64>, bristle: &mut _| {
+                if distance >= 0.0 {
+                    *bristle = Vector3::zeros();
+                    return;
+                }
+                let velocity = motion.linear + motion.angular.cross(&arm);
+                let rate = normal.dot(&velocity);
+                let press = self.law.force(-distance, -rate);
+                let tangential = velocity - normal * rate;
+                let load = match &self.friction_variation {
+                    Some(variation) => press.force * variation.factor(&(motion.origin + arm)),
+                    None => press.force,
+                };
+                let rub = self.friction.step(bristle, &normal, &tangential, load, dt);
+                let force = normal * press.force + rub.force;
+                sum.force += force;
+                sum.torque += arm.cross(&force);
+                sum.load += press.force;
+                sum.depth = sum.depth.max(-distance);
+                sum.touching += usize::from(press.force > 0.0);
+                if let Some(linear) = linearisation.as_deref_mut() {
+                    let along = normal * normal.transpose();
+                    let damping =
+                        along * (press.damping - rub.damping) + Matrix3::identity() * rub.damping;
+                    linear.add(&arm, &(along * press.stiffness), &damping);
+                }
+            };
+        if self.ball_radius > 0.0 {
+            let centre = rotation * self.points[0];
+            let faces = surface.faces_around(&(motion.origin + centre));
+            for (face, bristle) in faces.into_iter().zip(&mut self.bristles) {
+                let (distance, normal) = face.unwrap_or((f64::INFINITY, Vector3::zeros()));
+                let arm = centre - normal * self.ball_radius;
+                press(distance - self.ball_radius, normal, arm, bristle);
             }
+            return sum;
+        }
+        for (point, bristle) in self.points.iter().zip(&mut self.bristles) {
+            let arm = rotation * point;
+            let (mut distance, mut normal) = surface.distance_and_normal(&(motion.origin + arm));
             if self.column > 0.0 && distance < 0.0 {
                 let out = rotation * -Vector3::z();
                 (distance, normal) = compressed(surface, &(motion.origin + arm), &out, self.column);
             }
-            if distance >= 0.0 {
-                *bristle = Vector3::zeros();
-                continue;
-            }
-            let velocity = motion.linear + motion.angular.cross(&arm);
-            let rate = normal.dot(&velocity);
-            let press = self.law.force(-distance, -rate);
-            let tangential = velocity - normal * rate;
-            let load = match &self.friction_variation {
-                Some(variation) => press.force * variation.factor(&(motion.origin + arm)),
-                None => press.force,
-            };
-            let rub = self.friction.step(bristle, &normal, &tangential, load, dt);
-            let force = normal * press.force + rub.force;
-            sum.force += force;
-            sum.torque += arm.cross(&force);
-            sum.load += press.force;
-            sum.depth = sum.depth.max(-distance);
-            sum.touching += usize::from(press.force > 0.0);
-            if let Some(linear) = linearisation.as_deref_mut() {
-                let along = normal * normal.transpose();
-                let damping =
-                    along * (press.damping - rub.damping) + Matrix3::identity() * rub.damping;
-                linear.add(&arm, &(along * press.stiffness), &damping);
-            }
+            press(distance, normal, arm, bristle);
         }
         sum
     }

@@ -82,6 +82,13 @@ pub struct SurfacePoint {
     pub curvature: Matrix3<f64>,
 }
 
+/// Faces of a shape that a ball can touch at the same time.
+pub const FACES_MAX: usize = 3;
+
+/// Signed distance (m) and unit normal of each face around a point; `None` where a face has no
+/// point closest to it. A face keeps its place in the list.
+pub type FacesAround = [Option<(f64, Vector3<f64>)>; FACES_MAX];
+
 /// Geometry that every shape provides, in its own frame, m.
 pub trait Shape {
     /// Signed distance and the unit normal at the closest point.
@@ -89,6 +96,12 @@ pub trait Shape {
 
     /// Shape operator at the closest point, 1/m.
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
+
+    /// Signed distance and normal of each face at its point closest to `point`: a ball between two
+    /// of them touches both. The default is the closest point alone.
+    fn faces_around(&self, point: &Vector3<f64>) -> FacesAround {
+        [Some(self.distance_and_normal(point)), None, None]
+    }
 
     /// The first `t` within `range` at which the ray is inside the material; the start of `range`
     /// if the ray is already inside there. The default is sphere tracing; shapes may override it
@@ -451,6 +464,17 @@ impl Surface {
     pub fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (distance, normal) = self.shape.distance_and_normal(&self.local(point));
         (distance, self.rotation * normal)
+    }
+
+    /// Signed distance (m) and unit normal of each face around a point, base axes: more than one
+    /// where an inner corner or a groove lets a ball touch two.
+    pub fn faces_around(&self, point: &Vector3<f64>) -> FacesAround {
+        let AnyShape::Profile(profile) = &self.shape else {
+            return [Some(self.distance_and_normal(point)), None, None];
+        };
+        profile
+            .faces_around(&self.local(point))
+            .map(|face| face.map(|(distance, normal)| (distance, self.rotation * normal)))
     }
 
     /// Normal of the face that a tool is to follow at `point` (base axes, m): that of the plate

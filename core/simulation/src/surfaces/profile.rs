@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::Shape;
+use super::{FACES_MAX, FacesAround, Shape};
 
 /// Corners of a profile at most.
 const CORNERS_MAX: usize = 4;
@@ -65,18 +65,36 @@ impl Profile {
     /// Signed distance from the rounded body and its gradient, in the plane, and the distance from
     /// the smaller body's corner if that is what is closest.
     fn at(&self, p: &Vector2<f64>) -> (f64, Vector2<f64>, Option<f64>) {
+        let nearest = (1..=self.count)
+            .map(|i| self.piece(i, p))
+            .fold(self.piece(0, p), Piece::or);
+        self.rounded(&nearest)
+    }
+
+    /// `p` against a piece; piece `i` ends at corner `i`.
+    fn piece(&self, i: usize, p: &Vector2<f64>) -> Piece {
         let corners = &self.corners[..self.count];
-        let first = corners[0];
-        // The piece from infinity: straight along +x.
-        let mut nearest = Piece::new(p, &first, &Vector2::new(-1.0, 0.0), f64::INFINITY, -1.0);
-        for pair in corners.windows(2) {
-            let along = pair[1] - pair[0];
-            let length = along.norm();
-            let piece = Piece::new(p, &pair[0], &(along / length), length, 1.0);
-            nearest = nearest.or(piece);
+        if i == 0 {
+            // The piece from infinity: straight along +x.
+            return Piece::new(
+                p,
+                &corners[0],
+                &Vector2::new(-1.0, 0.0),
+                f64::INFINITY,
+                -1.0,
+            );
         }
-        let last = corners[corners.len() - 1];
-        nearest = nearest.or(Piece::new(p, &last, &self.leaves, f64::INFINITY, 1.0));
+        let from = corners[i - 1];
+        let Some(to) = corners.get(i) else {
+            return Piece::new(p, &from, &self.leaves, f64::INFINITY, 1.0);
+        };
+        let along = to - from;
+        let length = along.norm();
+        Piece::new(p, &from, &(along / length), length, 1.0)
+    }
+
+    /// As [`Profile::at`], with the nearest piece of the smaller body.
+    fn rounded(&self, nearest: &Piece) -> (f64, Vector2<f64>, Option<f64>) {
         let length = nearest.away.norm();
         let sign = if nearest.side >= 0.0 { 1.0 } else { -1.0 };
         if nearest.at_corner && length > 1e-12 {
@@ -84,6 +102,20 @@ impl Profile {
             return (sign * length - self.edge_radius, gradient, Some(length));
         }
         (nearest.side - self.edge_radius, nearest.normal, None)
+    }
+
+    /// Whether the material forms an inner corner there: the profile turns left.
+    fn is_inner(&self, corner: usize) -> bool {
+        let corners = &self.corners[..self.count];
+        let from = match corner {
+            0 => Vector2::x(),
+            i => corners[i] - corners[i - 1],
+        };
+        let to = match corners.get(corner + 1) {
+            Some(next) => next - corners[corner],
+            None => self.leaves,
+        };
+        from.perp(&to) > 0.0
     }
 }
 
@@ -145,6 +177,39 @@ impl Shape for Profile {
     fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (distance, gradient, _) = self.at(&Vector2::new(point.x, point.z));
         (distance, Vector3::new(gradient.x, 0.0, gradient.y))
+    }
+
+    /// One face between two inner corners each: pieces that meet at an edge belong together.
+    fn faces_around(&self, point: &Vector3<f64>) -> FacesAround {
+        let p = Vector2::new(point.x, point.z);
+        let out = |(distance, gradient, _): (f64, Vector2<f64>, Option<f64>)| {
+            (distance, Vector3::new(gradient.x, 0.0, gradient.y))
+        };
+        let closest = self.at(&p);
+        let mut faces = [None; FACES_MAX];
+        if closest.0 + self.edge_radius < 0.0 {
+            // In the material, the distances from its other faces say nothing.
+            faces[0] = Some(out(closest));
+            return faces;
+        }
+        let mut slots = faces.iter_mut();
+        let mut nearest: Option<Piece> = None;
+        for i in 0..=self.count {
+            let piece = self.piece(i, &p);
+            nearest = Some(nearest.map_or(piece, |other| other.or(piece)));
+            if i < self.count && !self.is_inner(i) {
+                continue;
+            }
+            if let (Some(piece), Some(slot)) = (nearest.take(), slots.next()) {
+                // An inner corner is not what a ball touches: it touches the faces beside it.
+                let at_inner = (0..self.count).any(|corner| {
+                    self.is_inner(corner)
+                        && (p - piece.away - self.corners[corner]).norm_squared() < 1e-18
+                });
+                *slot = (!at_inner).then(|| out(self.rounded(&piece)));
+            }
+        }
+        faces
     }
 
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {
@@ -209,7 +274,66 @@ mod tests {
         assert!((on.symmetric_eigenvalues().max() - 1.0 / r).abs() < 1e-6);
     }
 
+    /// A ball in the inner corner of a step, and one that bridges a groove, touch two faces; over
+    /// a plain face, one.
+    #[test]
+    fn a_ball_in_a_corner_or_over_a_groove_has_two_faces_around_it() {
+        let r = 0.0005;
+        let up = Profile::step(0.002, r);
+        let groove = Profile::groove(0.004, 0.003, r);
+        let near = |profile: &Profile, x: f64, z: f64| {
+            let mut faces: Vec<_> = profile
+                .faces_around(&Vector3::new(x, 0.0, z))
+                .into_iter()
+                .flatten()
+                .filter(|(distance, _)| *distance < 0.008)
+                .collect();
+            faces.sort_by(|a, b| a.1.x.total_cmp(&b.1.x));
+            faces
+        };
+        // The foot of the step and its edge.
+        let found = near(&up, -0.004, 0.0079);
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!((found[1].0 - 0.0079).abs() < 1e-12 && found[1].1.z == 1.0);
+        let edge = Vector3::new(-0.0045, 0.0, 0.0064);
+        assert!((found[0].0 - (edge.norm() - r)).abs() < 1e-12);
+        assert!((found[0].1 - edge.normalize()).norm() < 1e-9);
+        // Both edges of the groove, as far from its middle.
+        let found = near(&groove, 0.0, 0.007);
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!((found[0].0 - found[1].0).abs() < 1e-15);
+        assert!((found[0].1.x + found[1].1.x).abs() < 1e-12);
+        assert_eq!(near(&up, -0.05, 0.007).len(), 1);
+        assert_eq!(near(&up, 0.05, 0.007).len(), 1);
+        assert_eq!(near(&groove, 0.05, 0.007).len(), 1);
+        assert_eq!(near(&Profile::step(-0.002, r), -0.05, 0.007).len(), 1);
+        assert_eq!(near(&Profile::edge(r), -0.05, 0.007).len(), 1);
+    }
+
     proptest! {
+        /// The nearest of the faces around a point outside is the closest point.
+        #[test]
+        fn the_nearest_face_is_the_closest_point(x in -0.02f64..0.02, z in 0.0f64..0.02) {
+            for profile in [
+                Profile::edge(0.0005),
+                Profile::step(0.002, 0.0003),
+                Profile::step(-0.003, 0.001),
+                Profile::groove(0.003, 0.002, 0.0002),
+            ] {
+                let p = Vector3::new(x, 0.0, z);
+                let (distance, _) = profile.distance_and_normal(&p);
+                let nearest = profile
+                    .faces_around(&p)
+                    .into_iter()
+                    .flatten()
+                    .map(|face| face.0)
+                    .fold(f64::INFINITY, f64::min);
+                // In the sharp inner corner of the smaller body no face has a closest point.
+                let in_corner = distance < 0.001;
+                prop_assert!(in_corner || (nearest - distance).abs() < 1e-12, "{profile:?} {p}: {nearest} {distance}");
+            }
+        }
+
         /// The distance of a profile is continuous and grows by no more than one moves. Without
         /// this, a tool that passes an edge would be deep in the material at once.
         #[test]
