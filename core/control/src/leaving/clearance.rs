@@ -142,8 +142,11 @@ const LET_GO_M: f64 = 0.001;
 /// Maximum time for an arm that still moves in to reverse, s: its own lag plus the lag of the
 /// reading. A force that increases during this time is no obstacle.
 const TURN_S: f64 = 0.15;
-/// Distance against the retraction that shows that the arm still moves in, m: above a joint
-/// encoder's noise at the tool.
+/// Lag of the reading, s: a force that rises for so long after the tool's last motion across the
+/// retraction comes from that motion.
+const READ_S: f64 = 0.03;
+/// Distance against the retraction, or into what pressed when it began, that shows that the arm
+/// still moves in, m: above a joint encoder's noise at the tool.
 const STILL_IN_M: f64 = 2e-5;
 /// Time constant of the average of the force before the test for steadiness, s: the sensor's noise
 /// must not look like a touch.
@@ -154,6 +157,9 @@ const STEADY_S: f64 = 0.02;
 pub(crate) struct Met {
     /// Distance covered along the retraction, m.
     pub way_m: f64,
+    /// Direction of the retraction (unit), and the position of the tool, m; axes of the force.
+    pub along: Vector3<f64>,
+    pub position: Vector3<f64>,
     /// Force on the tool, base axes, N.
     pub force: Vector3<f64>,
     /// Torque on the tool, Nm.
@@ -191,6 +197,12 @@ struct Retreat {
     /// Start of the motion, and the lowest position relative to it (0 or negative), m.
     from_m: f64,
     lowest_m: f64,
+    /// Position at the start, m, and the direction of the force then, across the retraction.
+    from: Vector3<f64>,
+    out: Vector3<f64>,
+    /// Farthest position against that direction, m, and when it was reached, s.
+    deepest_m: f64,
+    deepest_s: f64,
     elapsed_s: f64,
     /// Force and torque at the start: N, Nm.
     first: (f64, f64),
@@ -206,6 +218,12 @@ impl Retreat {
         Self {
             from_m: met.way_m,
             lowest_m: 0.0,
+            from: met.position,
+            out: (met.force - met.along * met.force.dot(&met.along))
+                .try_normalize(1e-9)
+                .unwrap_or_default(),
+            deepest_m: 0.0,
+            deepest_s: f64::NEG_INFINITY,
             elapsed_s: 0.0,
             first: load,
             least: load,
@@ -220,11 +238,16 @@ impl Retreat {
         let gone_m = met.way_m - self.from_m;
         self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
+        // A tool that has slid into something still moves on, across the retraction.
+        let out_m = (met.position - self.from).dot(&self.out);
+        if out_m < self.deepest_m - STILL_IN_M {
+            (self.deepest_m, self.deepest_s) = (out_m, self.elapsed_s);
+        }
+        let slides_on = self.elapsed_s <= self.deepest_s + READ_S;
         // Once the tool moves out again, the contact releases: a force that increases from there
         // comes from an obstacle.
-        let turns = self.elapsed_s <= TURN_S
-            && self.lowest_m < -STILL_IN_M
-            && gone_m <= self.lowest_m + STILL_IN_M;
+        let moves_in = self.lowest_m < -STILL_IN_M && gone_m <= self.lowest_m + STILL_IN_M;
+        let turns = self.elapsed_s <= TURN_S && (moves_in || slides_on);
         if turns {
             self.first = (self.first.0.max(force_n), self.first.1.max(torque_nm));
             self.least = (force_n, torque_nm);
@@ -388,16 +411,30 @@ mod tests {
         force_at: impl Fn(f64) -> f64,
         zeroed: bool,
     ) -> Option<f64> {
+        let force = |way_m: f64, _: f64| Vector3::z() * force_at(way_m);
+        opposed_sliding_m(way, |_| 0.0, force, zeroed)
+    }
+
+    /// As `opposed_m`, for a tool that slides on along x meanwhile.
+    fn opposed_sliding_m(
+        way: impl Fn(f64) -> f64,
+        slides: impl Fn(f64) -> f64,
+        force_at: impl Fn(f64, f64) -> Vector3<f64>,
+        zeroed: bool,
+    ) -> Option<f64> {
         let (config, mut watch) = (LeaveConfig::default(), LeaveWatch::default());
         let ceiling = Ceiling {
             force_n: 40.0,
             torque_nm: 5.0,
         };
         (0..2000).find_map(|k| {
-            let way_m = way(1e-3 * f64::from(k));
+            let t = 1e-3 * f64::from(k);
+            let (way_m, slid_m) = (way(t), slides(t));
             let met = Met {
                 way_m,
-                force: Vector3::z() * force_at(way_m),
+                along: Vector3::z(),
+                position: Vector3::new(slid_m, 0.0, way_m),
+                force: force_at(way_m, slid_m),
                 torque_nm: 0.0,
                 hidden: false,
                 zeroed,
@@ -439,6 +476,33 @@ mod tests {
         };
         let pressed = |way: f64| (3.0 - 2.5e4 * way).max(0.0);
         assert_eq!(opposed_m(turns, pressed, true), None);
+    }
+
+    #[test]
+    fn a_tool_that_has_slid_into_a_wall_may_come_to_rest_there() {
+        // 50 mm/s, at rest after 40 ms; the wall of 20 kN/m is 1.5 mm high.
+        let slides = |t: f64| {
+            let t = t.min(0.04);
+            0.05 * t - 0.625 * t * t
+        };
+        let away = |t: f64| 0.02 * t;
+        let wall = |way_m: f64, slid_m: f64| {
+            let against = if way_m < 1.5e-3 {
+                30.0 + 2e4 * slid_m
+            } else {
+                0.0
+            };
+            Vector3::new(-against, 0.0, 5.0)
+        };
+        assert_eq!(opposed_sliding_m(away, slides, wall, true), None);
+        // Something above the tool still stops it, while it slides and afterwards.
+        let roof = |way_m: f64, slid_m: f64| wall(way_m, slid_m) - Vector3::z() * 5e4 * way_m;
+        for gone in [
+            opposed_sliding_m(away, |_| 0.0, roof, true),
+            opposed_sliding_m(away, slides, roof, true),
+        ] {
+            assert!(gone.is_some_and(|gone| gone < 2e-3), "{gone:?}");
+        }
     }
 
     #[test]

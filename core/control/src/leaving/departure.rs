@@ -279,6 +279,8 @@ impl Departure {
         let rate = if let Some(felt) = load {
             let met = Met {
                 way_m: gone_m,
+                along,
+                position: way.at,
                 force: felt.force,
                 torque_nm: felt.torque_nm,
                 hidden: felt.hidden,

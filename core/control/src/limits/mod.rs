@@ -38,6 +38,9 @@ pub struct Limits {
     pub speed_max_m_per_s: f64,
     /// Acceleration of the tool's origin, m/s².
     pub acceleration_max_m_per_s2: f64,
+    /// Deceleration of the tool's origin when something stands in its way, m/s². A value below that of
+    /// the acceleration has no effect.
+    pub braking_max_m_per_s2: f64,
     /// Angular speed of the tool, rad/s.
     pub turn_rate_max_rad_per_s: f64,
     /// Angular acceleration of the tool, rad/s².
@@ -75,6 +78,7 @@ impl Default for Limits {
         Self {
             speed_max_m_per_s: 0.25,
             acceleration_max_m_per_s2: 1.0,
+            braking_max_m_per_s2: 4.0,
             turn_rate_max_rad_per_s: 1.0,
             turn_acceleration_max_rad_per_s2: 10.0,
             joint_speed_share: 0.5,
@@ -104,6 +108,7 @@ impl Limits {
             self.acceleration_max_m_per_s2,
             50.0,
         )?;
+        positive("braking_max_m_per_s2", self.braking_max_m_per_s2, 50.0)?;
         positive("turn_rate_max_rad_per_s", self.turn_rate_max_rad_per_s, 6.0)?;
         positive(
             "turn_acceleration_max_rad_per_s2",
@@ -219,6 +224,30 @@ impl TwistLimiter {
         wanted: Twist<Aligned<Tool, Base>>,
         dt_s: f64,
     ) -> Twist<Aligned<Tool, Base>> {
+        self.within(limits, limits.acceleration_max_m_per_s2, wanted, dt_s)
+    }
+
+    /// As [`TwistLimiter::step`] for a tool with something in its way: with the deceleration for
+    /// that case in place of the acceleration.
+    pub fn brake(
+        &mut self,
+        limits: &Limits,
+        wanted: Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) -> Twist<Aligned<Tool, Base>> {
+        let most = limits
+            .braking_max_m_per_s2
+            .max(limits.acceleration_max_m_per_s2);
+        self.within(limits, most, wanted, dt_s)
+    }
+
+    fn within(
+        &mut self,
+        limits: &Limits,
+        acceleration_m_per_s2: f64,
+        wanted: Twist<Aligned<Tool, Base>>,
+        dt_s: f64,
+    ) -> Twist<Aligned<Tool, Base>> {
         let wanted = if wanted.is_finite() {
             wanted
         } else {
@@ -227,11 +256,7 @@ impl TwistLimiter {
         let linear = clamp_norm(wanted.linear, limits.speed_max_m_per_s);
         let angular = clamp_norm(wanted.angular, limits.turn_rate_max_rad_per_s);
         self.last = Twist::new(
-            self.last.linear
-                + clamp_norm(
-                    linear - self.last.linear,
-                    limits.acceleration_max_m_per_s2 * dt_s,
-                ),
+            self.last.linear + clamp_norm(linear - self.last.linear, acceleration_m_per_s2 * dt_s),
             self.last.angular
                 + clamp_norm(
                     angular - self.last.angular,

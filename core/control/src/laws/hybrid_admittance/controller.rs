@@ -504,7 +504,11 @@ impl<const N: usize> Controller<N> {
         } else {
             self.moving_base.against_base(&input.base_from_tool, wanted)
         };
-        let twist = self.limiter.step(&self.limits, wanted, input.dt_s);
+        let twist = if self.run.gives_way {
+            self.limiter.brake(&self.limits, wanted, input.dt_s)
+        } else {
+            self.limiter.step(&self.limits, wanted, input.dt_s)
+        };
         if let Some(learner) = &mut self.memory.learner {
             learner.commanded(&twist.linear, input.dt_s);
         }

@@ -9,6 +9,7 @@ use super::interface::ControlInput;
 use super::losses::{Felt, Touch};
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
+use super::side_load::SideLoad;
 use super::touchdown::{approach_speed, touch_force_n};
 use super::urgent::urgent_fault;
 use crate::estimator_choice::EstimateStatus;
@@ -21,6 +22,9 @@ use crate::task::program::Program;
 
 /// Longest time for which the path waits for an arm that does not follow, s.
 const STALLED_MAX_S: f64 = 5.0;
+/// Longest time after the end of a contact for which a tool with something in its way brakes
+/// harder, s.
+const BRAKES_S: f64 = 0.15;
 /// Longest time for which the tool explores before it lifts off for the first stroke, s.
 const EXPLORED_MAX_S: f64 = 10.0;
 
@@ -42,6 +46,7 @@ impl Run {
     ) {
         let dt = input.dt_s;
         self.in_phase_s += dt;
+        self.gives_way &= self.phase.is_pressing() || self.in_phase_s < BRAKES_S;
         self.paused = requests.paused;
         if self.paused {
             self.paused_s += dt;
@@ -181,11 +186,12 @@ impl Run {
                 }
             }
             Phase::Slide => {
-                self.stalled_s = if self.tracking.waits() {
-                    self.stalled_s + dt
-                } else {
-                    0.0
-                };
+                self.stalled_s =
+                    if self.tracking.waits() || self.tracking.stands() && self.gives_way {
+                        self.stalled_s + dt
+                    } else {
+                        0.0
+                    };
                 if self.stalled_s > STALLED_MAX_S {
                     return self.leave(percept, Some(Fault::PathBlocked));
                 }
@@ -297,6 +303,7 @@ impl Run {
             self.exploration.offer();
         }
         self.acting = ActingPoint::default();
+        self.side = SideLoad::default();
         self.off = false;
         self.touch = Touch {
             from: self.phase,

@@ -126,6 +126,8 @@ impl Run {
             let hidden = |load| limits.is_untared_beyond(load);
             let met = Met {
                 way_m,
+                along: self.retract,
+                position: percept.position,
                 force: wrench.force,
                 torque_nm: wrench.torque.norm(),
                 hidden: percept.untared.as_ref().is_some_and(hidden),

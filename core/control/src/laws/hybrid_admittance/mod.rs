@@ -29,6 +29,7 @@ mod ringing;
 mod rounds;
 mod run;
 mod senses;
+mod side_load;
 pub mod stiffness;
 pub mod surface;
 pub(crate) mod surface_chart;

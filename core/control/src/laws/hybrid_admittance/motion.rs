@@ -9,8 +9,9 @@ use super::pace::{
 };
 use super::percept::Percept;
 use super::run::Run;
+use super::side_load::{GiveWay, Sideways};
 use super::touchdown::approach_speed;
-use crate::contact::alignment::alignment_rate;
+use crate::contact::alignment::{alignment_rate, tangential};
 use crate::estimator_choice::EstimateStatus;
 use crate::learning::{Feedforward, Learner, PassSample};
 use crate::limits::{Limits, clamp_norm};
@@ -93,15 +94,16 @@ pub(super) fn wanted_twist<const N: usize>(
             } else {
                 0.0
             };
+            let way = run.give_way(percept, input, reference_n, config);
             let along = along_path(
                 run,
                 program,
                 config,
                 percept,
                 reference_n,
-                factor,
+                factor * way.speed_share,
                 input.dt_s,
-            );
+            ) + way.velocity;
             let learnt =
                 learning.and_then(|learning| run.learnt(program, learning, input, percept, &along));
             let (speed, turn) = if let Some(wrench) = percept.wrench {
@@ -189,6 +191,36 @@ impl Run {
             lead_s: learning.lead_s,
             dt_s: input.dt_s,
         })
+    }
+
+    /// What the tool does about a load along the surface.
+    fn give_way<const N: usize>(
+        &mut self,
+        percept: &Percept,
+        input: &ControlInput<N>,
+        reference_n: f64,
+        config: &ControllerConfig,
+    ) -> GiveWay {
+        let (Some(wrench), Some(pressing_n)) = (percept.wrench, percept.force_n) else {
+            return GiveWay::NOTHING;
+        };
+        let normal = &self.surface.normal;
+        let way = self.side.step(
+            &config.pace,
+            &Sideways {
+                aside: tangential(&wrench.force, normal),
+                pressing_n,
+                reference_n,
+                speed_m_per_s: tangential(&input.twist.linear, normal).norm(),
+                damping_n_s_per_m: self.force.damping_n_s_per_m(),
+                dt_s: input.dt_s,
+            },
+        );
+        self.gives_way = way.speed_share < 1.0;
+        if self.gives_way {
+            self.tracking.brake(way.speed_share);
+        }
+        way
     }
 
     /// Whether the tool may explore while the force still builds up: it presses, the first force

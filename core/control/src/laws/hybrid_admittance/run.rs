@@ -15,6 +15,7 @@ use super::lift::Lifting;
 use super::losses::{Felt, Losses, Touch};
 use super::pace::Exploration;
 use super::percept::Percept;
+use super::side_load::SideLoad;
 use super::surface::Surface;
 use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
@@ -55,6 +56,9 @@ pub(crate) struct Run {
     pub exploration: Exploration,
     /// Where the force acts on the tool in this contact.
     pub acting: ActingPoint,
+    pub side: SideLoad,
+    /// Whether something along the surface stands in the way, or pushes.
+    pub gives_way: bool,
     pub in_contact: bool,
     pub lost_count: u32,
     pub losses: Losses,
@@ -121,6 +125,8 @@ impl Run {
             force: ForceLaw::new(1e4),
             exploration: Exploration::default(),
             acting: ActingPoint::default(),
+            side: SideLoad::default(),
+            gives_way: false,
             in_contact: false,
             lost_count: 0,
             losses: Losses::default(),
@@ -215,6 +221,7 @@ impl Run {
             return self.enter(phase, percept);
         }
         self.retract = self.way_off();
+        self.gives_way |= fault == Some(Fault::ForceLimit);
         self.enter(Phase::Retract, percept);
     }
 

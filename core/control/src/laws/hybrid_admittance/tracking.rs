@@ -183,6 +183,16 @@ impl Tracking {
         self.clock_rate = 0.0;
     }
 
+    /// Slows the clock to a share of its speed at once: something stands in the way.
+    pub fn brake(&mut self, share: f64) {
+        self.clock_rate = self.clock_rate.min(share);
+    }
+
+    /// Whether the clock stands.
+    pub fn stands(&self) -> bool {
+        self.clock_rate <= 0.0
+    }
+
     /// Processes one cycle. Returns the desired velocity in the tangent plane of `normal`, base
     /// axes, m/s. `speed_factor` is 1 at the path's own speed and 0 to stand.
     pub fn step(

@@ -166,6 +166,9 @@ pub struct PaceConfig {
     /// Force above its reference, as a share of it, from which the path slows down, to a fifth of
     /// its speed at the least; 0: never.
     pub excess_share: f64,
+    /// Load along the surface, beyond 1.5 times the friction that the contact has shown, from which
+    /// the path stops and the tool gives way, N; 0: never.
+    pub side_least_n: f64,
     /// Lowest speed because of an uncertain normal, m/s.
     pub speed_min_m_per_s: f64,
     /// Radius of the first circle of the exploration after a touch, m; 0: none.
@@ -281,6 +284,7 @@ impl Default for PaceConfig {
             slope_share: 0.35,
             force_share: 0.0,
             excess_share: 0.4,
+            side_least_n: 2.0,
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
             explore_above_rad: 0.045,
@@ -352,6 +356,7 @@ impl Presets for ControllerConfig {
                 slope_share: 0.0,
                 force_share: 0.0,
                 excess_share: 0.0,
+                side_least_n: 0.0,
                 explore_radius_m: 0.0,
                 ..default.pace
             },
