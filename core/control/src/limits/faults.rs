@@ -86,8 +86,8 @@ impl Fault {
                 "the wrench jumps as no load can: check the network and the sensor for damaged records"
             }
             Self::Wrench(Validity::Misdirected) => {
-                "the force points along the surface, not out of it: check the sensor's zero, axes and mounting, and the \
-                 estimator's normal"
+                "the force points along the surface, not out of it: check whether something stands in the way, the \
+                 sensor's zero, axes and mounting, and the estimator's normal"
             }
             Self::Wrench(_) => "sensor reports an error: see wrench/status",
             Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",

@@ -62,6 +62,41 @@ fn a_soft_tool_under_high_friction_is_no_slope() {
 
 /// At 1.1 N the drift of the zero and noise reach the force that counts as a touch, above the
 /// surface. It is no loss of contact, and the surface does not end there.
+/// A ball in the corner of a step, or over a seam, touches two faces: with one at a time it
+/// chattered between them, and the readings jumped as no load can.
+#[test]
+fn a_round_tip_in_a_corner_does_not_chatter() {
+    for (surface, number) in [
+        (SurfaceKind::Step, 6),
+        (SurfaceKind::Step, 34),
+        (SurfaceKind::Step, 96),
+        (SurfaceKind::Seam, 40),
+        (SurfaceKind::Seam, 99),
+    ] {
+        let draw = draw(surface, number, SEED);
+        assert!(draw.to_string().contains("tip round"), "{draw}");
+        let run = run(&draw).unwrap();
+        assert!(run.completed, "{draw}: {:?}", run.fault);
+        assert!(run.peak_ratio < 1.0, "{draw}: {}", run.peak_ratio);
+    }
+}
+
+/// Steps that the tool runs into on stiff cells. Before the path stopped for a load along the
+/// surface, the force of each went beyond its limit.
+#[test]
+fn a_ledge_that_a_tool_can_get_over_does_not_end_the_task() {
+    for (number, drawn) in [
+        (15, "31.9 kN/m, friction 0.48, 10.6 N"),
+        (48, "34.6 kN/m, friction 0.49, 12.6 N"),
+        (81, "6.5 kN/m, friction 0.81, 3.7 N"),
+    ] {
+        let draw = draw(SurfaceKind::Step, number, SEED);
+        assert!(draw.to_string().contains(drawn), "{draw}");
+        let run = run(&draw).unwrap();
+        assert!(run.completed, "{draw}: {:?}", run.fault);
+    }
+}
+
 #[test]
 fn a_touch_in_the_air_does_not_end_the_task() {
     let draw = draw(SurfaceKind::Plane, 86, SEED);

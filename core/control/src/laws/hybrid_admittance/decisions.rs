@@ -299,7 +299,8 @@ impl Run {
         }
         self.force.touch(config, force_n, speed_m_per_s);
         // A tool that lands where the surface is known need not explore it.
-        if !std::mem::take(&mut self.lift.knows_landing) {
+        let knows_landing = std::mem::take(&mut self.lift.knows_landing);
+        if !knows_landing {
             self.exploration.offer();
         }
         self.acting = ActingPoint::default();
@@ -310,6 +311,7 @@ impl Run {
             start: self.phase_start,
             touched: self.touched,
             tared_at,
+            knows_landing,
             unreal: self.touch.unreal,
         };
         if !self.touched {
@@ -327,6 +329,7 @@ impl Run {
         let before = self.touch;
         self.touched = before.touched;
         self.tared_at = before.tared_at;
+        self.lift.knows_landing = before.knows_landing;
         self.tracking.freeze();
         self.enter(before.from, percept);
         self.phase_start = before.start;

@@ -58,6 +58,8 @@ pub(crate) struct Touch {
     pub touched: bool,
     /// Where the zero in force was taken, m; `None` if the tool had touched after it.
     pub tared_at: Option<Vector3<f64>>,
+    /// Whether the surface was known where the tool lands.
+    pub knows_landing: bool,
     /// Touches before this one that were none, in sequence.
     pub unreal: u32,
 }
@@ -69,6 +71,7 @@ impl Default for Touch {
             start: Vector3::zeros(),
             touched: false,
             tared_at: None,
+            knows_landing: false,
             unreal: 0,
         }
     }
