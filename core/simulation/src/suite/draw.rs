@@ -18,7 +18,6 @@ use crate::contact::{ComplianceConfig, ContactConfig, FrictionConfig, FrictionVa
 use crate::hardware_errors::{ArmErrors, FrameErrors, HardwareErrors, WrenchErrors};
 use crate::scenario_file::{ScenarioError, no_files};
 use crate::sensors::force_torque::SensorConfig;
-use crate::start::StartConfig;
 use crate::systems::admittance::{AdmittancePlantConfig, AdmittanceScenario, PipelineConfig};
 use crate::tool::{PayloadConfig, PayloadErrorConfig, ToolConfig};
 
@@ -114,9 +113,9 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
     };
     let errors = errors(&mut dice);
     let path = path(&mut dice, surface, length, speed);
-    let landed_rad = dice.within(ranges::LANDED_RAD);
-    let landed_towards = dice.angle();
-    let place = Placement::draw(&mut dice, surface, robot, &tool, &path);
+    let landed = (dice.within(ranges::LANDED_RAD), dice.angle());
+    let place = Placement::draw(&mut dice, surface, robot, &tool, &path, landed);
+    let start = place.start(landed);
     let plant = AdmittancePlantConfig {
         robot: robot.to_owned(),
         arm,
@@ -126,14 +125,7 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         contact,
         sensor,
         errors,
-        start: StartConfig {
-            near_m: place.near_m,
-            clearance_m: 0.01,
-            tilt_rad: landed_rad,
-            tilt_direction_rad: landed_towards,
-            yaw_rad: 0.0,
-            seed_rad: Some(place.seed_rad),
-        },
+        start,
         base: None,
     };
     let mut estimation = EstimatorConfig::default();

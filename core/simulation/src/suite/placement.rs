@@ -12,6 +12,7 @@ use super::dice::Dice;
 use super::ranges;
 use super::surface_kind::SurfaceKind;
 use crate::pose_config::PoseConfig;
+use crate::start::{StartConfig, tool_pose};
 use crate::surfaces::{ShapeConfig, Surface, SurfaceConfig};
 use crate::tool::ToolConfig;
 
@@ -47,6 +48,9 @@ struct Local {
 /// Joints of the arm before its base, tool down, rad.
 const SEED_RAD: [f64; 6] = [PI, -FRAC_PI_2, FRAC_PI_2, -FRAC_PI_2, -FRAC_PI_2, 0.0];
 
+/// Places along the path that are checked, and steps of the walk between two of them.
+const CHECKS: u32 = 16;
+const STEPS_PER_CHECK: u32 = 8;
 /// Places tried before the last one is taken as it is.
 const TRIES: usize = 200;
 
@@ -58,6 +62,7 @@ impl Placement {
         robot: &str,
         tool: &ToolConfig,
         path: &PathSpec,
+        landed: (f64, f64),
     ) -> Self {
         let local = local(dice, kind);
         let reach = ModelData::builtin(robot)
@@ -67,7 +72,7 @@ impl Placement {
         for _ in 0..TRIES {
             let is_reachable = reach
                 .as_ref()
-                .is_some_and(|arm| placement.is_reachable(arm, tool, path));
+                .is_some_and(|arm| placement.is_reachable(arm, tool, path, landed));
             if is_reachable {
                 break;
             }
@@ -118,8 +123,15 @@ impl Placement {
     }
 
     /// Whether the arm reaches the start and the path with a square tool, with joints that follow
-    /// from one another.
-    fn is_reachable(&self, arm: &Arm<6>, tool: &ToolConfig, path: &PathSpec) -> bool {
+    /// from one another. The path is walked as the law does: lengths along the surface, from a
+    /// plane square to the tool that lands.
+    fn is_reachable(
+        &self,
+        arm: &Arm<6>,
+        tool: &ToolConfig,
+        path: &PathSpec,
+        landed: (f64, f64),
+    ) -> bool {
         let pose = self.surface.pose();
         let Ok(surface) = Surface::new(&self.surface.shape, &pose) else {
             return false;
@@ -127,16 +139,27 @@ impl Placement {
         let Ok(path) = Path::new(path, 0.1, 1.0) else {
             return false;
         };
-        let start = surface.query(&Vector3::from(self.near_m));
-        let normal = start.normal;
-        let x = (self.x_axis - normal * normal.dot(&self.x_axis)).normalize();
-        let y = normal.cross(&x);
+        let start = tool_pose(&self.start(landed), &surface);
+        let plane = -start.z_axis();
+        let x = (self.x_axis - plane * plane.dot(&self.x_axis)).normalize();
+        let y = plane.cross(&x);
         let flange_from_tool: Pose<Flange, Tool> =
             Pose::from_isometry(tool.flange_from_tool.isometry());
         let mut q = Joints::<6>::from_row_slice(&self.seed_rad);
-        for i in 0..=8 {
-            let at: Vector2<f64> = path.at(path.duration_s() * f64::from(i) / 8.0).position;
-            let on = surface.query(&(start.point + x * at.x + y * at.y));
+        let mut on = surface.query_face(&Vector3::from(self.near_m));
+        let mut before = Vector2::zeros();
+        for i in 0..=CHECKS * STEPS_PER_CHECK {
+            let share = f64::from(i) / f64::from(CHECKS * STEPS_PER_CHECK);
+            let at: Vector2<f64> = path.at(path.duration_s() * share).position;
+            let step = x * (at.x - before.x) + y * (at.y - before.y);
+            before = at;
+            let Some(turned) = UnitQuaternion::rotation_between(&plane, &on.normal) else {
+                return false;
+            };
+            on = surface.query_face(&(on.point + turned * step));
+            if i % STEPS_PER_CHECK != 0 {
+                continue;
+            }
             let target = Pose::<Base, Tool>::from_isometry(Isometry3::from_parts(
                 Translation3::from(on.point + on.normal * 0.01),
                 UnitQuaternion::from_rotation_matrix(&square(&on.normal)),
@@ -153,6 +176,18 @@ impl Placement {
             q = found;
         }
         true
+    }
+
+    /// Start of the tool, tilted by `landed`: angle and direction, rad.
+    pub fn start(&self, (tilt_rad, tilt_direction_rad): (f64, f64)) -> StartConfig {
+        StartConfig {
+            near_m: self.near_m,
+            clearance_m: 0.01,
+            tilt_rad,
+            tilt_direction_rad,
+            yaw_rad: 0.0,
+            seed_rad: Some(self.seed_rad.clone()),
+        }
     }
 }
 
