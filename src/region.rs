@@ -100,13 +100,8 @@ fn selection(args: &Region) -> Selection {
 fn surface(args: &Region, config: &CellConfig, notes: &mut Vec<String>) -> Result<Mesh> {
     let usage = |error: tangent_region::RegionError| bad_usage(error.to_string());
     if args.file.extension().is_some_and(|ending| ending == "mcap") {
-        let scan = tangent_scan::points(&args.file, config)
-            .map_err(|error| bad_usage(error.to_string()))?;
-        notes.push(format!(
-            "{} points of {} depth images",
-            scan.points.len(),
-            scan.images
-        ));
+        let scan = tangent_scan::of_recording(&args.file, config).map_err(bad_usage)?;
+        notes.append(&mut scan.notes());
         return Mesh::of_points(scan.points).map_err(usage);
     }
     let mesh = read(&args.file).map_err(usage)?;
