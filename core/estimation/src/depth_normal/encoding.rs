@@ -102,8 +102,8 @@ impl DepthEncoding {
 }
 
 impl DepthLayout {
-    /// Layout from the fields of a `sensor_msgs/Image`: width and height, `step`, `is_bigendian` and
-    /// `encoding`.
+    /// Layout from the fields of a `sensor_msgs/Image`: width and height, `step`, `is_bigendian`
+    /// and `encoding`.
     ///
     /// # Errors
     /// [`DepthEncodingError::Encoding`] for anything that is not depth.
