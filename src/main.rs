@@ -24,6 +24,7 @@ mod report;
 mod reproduce;
 mod robot;
 mod run;
+mod scan;
 mod status;
 mod suite;
 mod table;
@@ -136,6 +137,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
             calibrate::payload(args, &config()?, json)
         }
         Command::Teach(args) => teach::run(args, &config()?, json),
+        Command::Scan(args) => scan::run(args, &config()?, json),
         Command::Region(args) => region::run(args, &config()?, json),
         Command::Param(command) => control::param(command, &config()?, json),
         Command::Ui(args) => ui::run(args, config()?, json),

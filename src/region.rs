@@ -58,6 +58,8 @@ pub fn run(args: &Region, config: &CellConfig, json: bool) -> Result<Outcome> {
             RegionPattern::Spiral => Pattern::Spiral,
         },
         edge_pass: args.edge_pass,
+        edge_force_n: args.edge_force_n,
+        edge_speed_m_per_s: args.edge_speed,
         radius_m: radius_m(args, config)?,
         spacing_m: args.spacing_m,
         margin_m: args.margin_m,
@@ -98,13 +100,8 @@ fn selection(args: &Region) -> Selection {
 fn surface(args: &Region, config: &CellConfig, notes: &mut Vec<String>) -> Result<Mesh> {
     let usage = |error: tangent_region::RegionError| bad_usage(error.to_string());
     if args.file.extension().is_some_and(|ending| ending == "mcap") {
-        let scan = tangent_scan::points(&args.file, config)
-            .map_err(|error| bad_usage(error.to_string()))?;
-        notes.push(format!(
-            "{} points of {} depth images",
-            scan.points.len(),
-            scan.images
-        ));
+        let scan = tangent_scan::of_recording(&args.file, config).map_err(bad_usage)?;
+        notes.append(&mut scan.notes());
         return Mesh::of_points(scan.points).map_err(usage);
     }
     let mesh = read(&args.file).map_err(usage)?;
@@ -155,6 +152,7 @@ fn report(file: &Path, name: &str, draft: &Draft, json: bool) -> Result<Outcome>
             "errors": findings.errors,
             "name": name,
             "strokes": draft.strokes,
+            "edge_strokes": draft.edge_strokes,
             "lifts": draft.lifts,
             "length_m": draft.length_m,
             "area_cm2": draft.area_cm2,

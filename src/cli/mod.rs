@@ -17,6 +17,7 @@ mod region;
 mod report;
 mod robot;
 mod run;
+mod scan;
 mod seconds;
 mod status;
 mod task;
@@ -47,6 +48,7 @@ pub use region::{Region, RegionPattern};
 pub use report::Report;
 pub use robot::RobotCommand;
 pub use run::{Record, Run};
+pub use scan::Scan;
 pub use status::{Health, Status};
 pub use task::TaskCommand;
 pub use teach::Teach;
@@ -109,6 +111,8 @@ pub enum Command {
     /// Show a path by hand: the arm is guided, points and strokes are taken with keys, and a task
     /// file is written.
     Teach(Teach),
+    /// Let the depth camera see a surface, and write its points for `region`.
+    Scan(Scan),
     /// Make a task of a region of a mesh or a scan: strokes whose distances are measured along the
     /// surface.
     Region(Box<Region>),
@@ -165,6 +169,7 @@ impl Command {
     /// Whether the command talks to a running cell, so that `--connect` has a meaning.
     pub fn talks_to_a_cell(&self) -> bool {
         match self {
+            Self::Scan(args) => args.recording.is_none(),
             Self::Run(_)
             | Self::Task(_)
             | Self::Estimator(_)
@@ -196,11 +201,12 @@ impl Command {
 
     /// Whether the command has a result only from the services of a running cell.
     pub fn asks_a_cell(&self) -> bool {
-        // These bring services of their own, or look at the machine.
-        let has_its_own = matches!(
-            self,
-            Self::Run(_) | Self::Ui(_) | Self::Record(_) | Self::Doctor(_)
-        );
+        // These bring services of their own, look at the machine, or read a recording.
+        let has_its_own = match self {
+            Self::Run(_) | Self::Ui(_) | Self::Record(_) | Self::Doctor(_) => true,
+            Self::Scan(args) => args.recording.is_some(),
+            _ => false,
+        };
         self.talks_to_a_cell() && !has_its_own
     }
 }

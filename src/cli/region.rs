@@ -65,6 +65,13 @@ pub struct Region {
     /// One more stroke along every edge before the rows of a raster.
     #[arg(long)]
     pub edge_pass: bool,
+    /// Pressing force of the strokes along the edges, N: 0.5 to 100; with --edge-pass, or with
+    /// --pattern contour for its outermost rings. By default that of all strokes.
+    #[arg(long, value_name = "N")]
+    pub edge_force_n: Option<f64>,
+    /// Speed of the strokes along the edges, m/s: 0.001 to 0.25. By default that of all strokes.
+    #[arg(long, value_name = "M_PER_S")]
+    pub edge_speed: Option<f64>,
     /// Radius of the tip's contact, m; by default that of a flat, ring or soft tip in the cell
     /// file.
     #[arg(long, value_name = "M")]

@@ -19,6 +19,7 @@ mod recordings;
 mod requests;
 mod restarts;
 mod robot;
+mod scan;
 mod teach;
 mod terminal;
 mod topics;

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use tangent_camera::{check_depth, grey};
 use tangent_estimation::depth_normal::{
-    DepthEncoding, DepthImage, DepthLayout, DepthNormal, DepthNormalConfig, DepthNormalState,
-    DepthSample, Intrinsics, ToolTarget,
+    DepthImage, DepthLayout, DepthNormal, DepthNormalConfig, DepthNormalState, DepthSample,
+    Intrinsics, ToolTarget,
 };
 use tangent_schemas::standard::Image;
 
@@ -29,16 +29,10 @@ pub fn depth_image(data: &[u8]) {
     let size_px = [image.width, image.height];
     let _ = grey(&image, size_px);
     let checked = check_depth(&image, size_px);
-    let Ok(encoding) = DepthEncoding::from_name(encoding) else {
+    let stated = DepthLayout::stated(size_px, image.step, image.is_bigendian, encoding);
+    let Ok(layout) = stated else {
         assert!(checked.is_err());
         return;
-    };
-    let layout = DepthLayout {
-        width: image.width as usize,
-        height: image.height as usize,
-        step: image.step as usize,
-        big_endian: image.is_bigendian != 0,
-        encoding,
     };
     let mut depth_m = Vec::new();
     let read = layout.read(&image.data, &mut depth_m);

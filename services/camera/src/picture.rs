@@ -1,6 +1,6 @@
 //! Converts a `sensor_msgs/msg/Image` to grey values, or returns the reason for refusing it. Pure.
 
-use tangent_estimation::depth_normal::{DepthEncoding, DepthEncodingError, DepthLayout};
+use tangent_estimation::depth_normal::{DepthEncodingError, DepthLayout};
 use tangent_schemas::standard::Image;
 use tangent_sensing::GreyImage;
 
@@ -60,13 +60,12 @@ pub enum PictureError {
 /// not fit the header.
 pub fn check_depth(image: &Image, size_px: [u32; 2]) -> Result<(), PictureError> {
     check_size(image, size_px)?;
-    DepthLayout {
-        width: image.width as usize,
-        height: image.height as usize,
-        step: image.step as usize,
-        big_endian: image.is_bigendian != 0,
-        encoding: DepthEncoding::from_name(&image.encoding)?,
-    }
+    DepthLayout::stated(
+        [image.width, image.height],
+        image.step,
+        image.is_bigendian,
+        &image.encoding,
+    )?
     .check(image.data.len())?;
     Ok(())
 }

@@ -55,6 +55,17 @@ pub struct DepthSettings {
     pub fit: DepthNormalConfig,
 }
 
+impl DepthSettings {
+    /// `[estimators.settings.depth_normal]` of a cell file, whether or not the estimator runs.
+    ///
+    /// # Errors
+    /// A key or value is wrong; the error names it.
+    pub fn from_cell(cell: &CellConfig) -> Result<Self, EstimatorError> {
+        let own = cell.estimators.settings.get(DEPTH_NORMAL);
+        parsed(DEPTH_NORMAL, own.cloned().unwrap_or_default())
+    }
+}
+
 /// Configuration of `depth_normal` before the calibration is known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthPlan {

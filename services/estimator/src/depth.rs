@@ -12,9 +12,8 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector3;
 use tangent_estimation::NormalEstimate;
 use tangent_estimation::depth_normal::{
-    DEPTH_NORMAL, DepthEncoding, DepthEncodingError, DepthImage, DepthLayout, DepthNormal,
-    DepthNormalState, DepthSample, Intrinsics, SegmentShape, SurfaceAhead as Ahead, ToolTarget,
-    leave_out_rod,
+    DEPTH_NORMAL, DepthEncodingError, DepthImage, DepthLayout, DepthNormal, DepthNormalState,
+    DepthSample, Intrinsics, SegmentShape, SurfaceAhead as Ahead, ToolTarget, leave_out_rod,
 };
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 use tangent_runtime::health::instance_name;
@@ -229,13 +228,12 @@ impl Depth {
                 stated: self.size_px,
             });
         }
-        DepthLayout {
-            width,
-            height,
-            step: image.step as usize,
-            big_endian: image.is_bigendian != 0,
-            encoding: DepthEncoding::from_name(&image.encoding)?,
-        }
+        DepthLayout::stated(
+            [image.width, image.height],
+            image.step,
+            image.is_bigendian,
+            &image.encoding,
+        )?
         .read(&image.data, &mut self.depth_m)?;
         // The map follows the tool's motion; at rest there is no direction ahead.
         let velocity = Vector3::from(&arm.tool_twist.linear);

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 use tangent_control::fill::area_m2;
-use tangent_control::{ExpectedSurface, Task};
+use tangent_control::{ExpectedSurface, Pattern, Task};
 
 use crate::error::RegionError;
 use crate::fill::{Fill, Filled, fill, length_m};
@@ -14,12 +14,15 @@ use crate::plane::TaskPlane;
 use crate::scan;
 use crate::start_pose;
 use crate::surface::expected;
-use crate::text::text;
+use crate::text::{TaskStroke, text};
 use crate::touch::touch;
 
 /// Distance of the tool's middle from every edge: this share of its radius with a dose, so that the
 /// edge gets enough.
 const DOSE_MARGIN_SHARE: f64 = 0.4;
+/// Smallest and largest force and speed of a stroke, as a task allows them, N and m/s.
+const EDGE_FORCE_N: (f64, f64) = (0.5, 100.0);
+const EDGE_SPEED_M_PER_S: (f64, f64) = (0.001, 0.25);
 /// Smallest and largest spacing, m.
 const SPACING_M: (f64, f64) = (0.0005, 0.5);
 
@@ -36,6 +39,8 @@ pub struct Draft {
     pub rings_m: Vec<Vec<[f64; 2]>>,
     /// Number of strokes.
     pub strokes: usize,
+    /// Number of strokes along edges, which may have a force and a speed of their own.
+    pub edge_strokes: usize,
     /// Number of times that the tool lifts off.
     pub lifts: usize,
     /// Length of all strokes over the plane, m.
@@ -131,7 +136,7 @@ fn of_mesh(
     }
     let corners = patch.iter().flat_map(|i| mesh.corners(*i));
     let (low, high) = bounds(corners.map(|v| plane.place(&v).xy()));
-    let cell_m = cell_m(high - low, spacing_m)?;
+    let cell_m = cell_m(high - low, spacing_m, 0.0)?;
     let map = HeightMap::of_mesh(mesh, &patch, &plane, cell_m, AROUND_M)?;
     Ok((map, Vec::new()))
 }
@@ -173,6 +178,29 @@ fn check(options: &RegionOptions<'_>) -> Result<(), RegionError> {
     }
     if let Some(margin_m) = options.margin_m {
         range("--margin-m", margin_m, (0.0, 0.5))?;
+    }
+    let has_edges = match options.pattern {
+        Pattern::Raster => options.edge_pass,
+        Pattern::Contour => true,
+        Pattern::Spiral => false,
+    };
+    for (option, value, allowed) in [
+        ("--edge-force-n", options.edge_force_n, EDGE_FORCE_N),
+        (
+            "--edge-speed",
+            options.edge_speed_m_per_s,
+            EDGE_SPEED_M_PER_S,
+        ),
+    ] {
+        let Some(value) = value else { continue };
+        if !has_edges {
+            return Err(RegionError::option(
+                option,
+                value,
+                "only where strokes run along the edges: with --edge-pass of a raster, or with --pattern contour",
+            ));
+        }
+        range(option, value, allowed)?;
     }
     range("--clearance-m", options.clearance_m, (0.005, 0.3))?;
     for ring in options.outline_m.iter().chain(&options.holes_m) {
@@ -218,7 +246,10 @@ fn finish(
     }
     // The strokes nearest to the tool first.
     let strokes: Vec<_> = (filled.ordered(at).iter())
-        .map(|stroke| shifted(&stroke.points))
+        .map(|stroke| TaskStroke {
+            points_m: shifted(&stroke.points),
+            at_edge: stroke.at_edge,
+        })
         .collect();
     let text = text(
         options,
@@ -240,8 +271,9 @@ fn finish(
     }
     Ok(Draft {
         strokes: strokes.len(),
+        edge_strokes: strokes.iter().filter(|stroke| stroke.at_edge).count(),
         lifts: program.path.lifts(),
-        length_m: filled.strokes.iter().map(|s| length_m(s)).sum(),
+        length_m: filled.strokes.iter().map(|s| length_m(&s.points)).sum(),
         area_cm2: map.area_m2() * 1e4,
         steepest_deg: steepest_deg(map),
         text,

@@ -40,11 +40,20 @@ pub struct Fill {
     pub edge_pass: bool,
 }
 
+/// A stroke of a filled region.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FillStroke {
+    /// Points, m.
+    pub points: Points,
+    /// Whether it runs along an edge of the region.
+    pub at_edge: bool,
+}
+
 /// Strokes over the plane, not in an order yet, and the edges that they keep.
 #[derive(Clone, Debug)]
 pub struct Filled {
-    /// Strokes, m.
-    pub strokes: Vec<Points>,
+    /// Strokes.
+    pub strokes: Vec<FillStroke>,
     /// Edge of the region: the outline first, then holes, m.
     pub edge: Polygon,
     /// Edge of the region less its margin.
@@ -55,8 +64,15 @@ pub struct Filled {
 
 impl Filled {
     /// The strokes in an order that begins near `start` (m).
-    pub fn ordered(&self, start: Vector2<f64>) -> Vec<Ordered> {
-        ordered(self.strokes.clone(), start, &self.within, self.over_m)
+    pub fn ordered(&self, start: Vector2<f64>) -> Vec<FillStroke> {
+        let points = self.strokes.iter().map(|s| s.points.clone()).collect();
+        ordered(points, start, &self.within, self.over_m)
+            .into_iter()
+            .map(|Ordered { points, given, .. }| FillStroke {
+                points,
+                at_edge: self.strokes[given].at_edge,
+            })
+            .collect()
     }
 }
 
@@ -76,23 +92,28 @@ pub fn fill(map: &HeightMap, fill: &Fill) -> Result<Filled, RegionError> {
     }
     let within = polygon(&at_margin);
     let rings = || rings(map, &distance, fill);
-    let strokes = match fill.pattern {
+    let strokes: Vec<(Points, bool)> = match fill.pattern {
         Pattern::Raster => {
-            let mut strokes = if fill.edge_pass {
-                at_margin
-            } else {
-                Vec::new()
-            };
-            strokes.extend(rows(map, &within, fill.spacing_m));
-            strokes
+            let edges = at_margin.into_iter().filter(|_| fill.edge_pass);
+            let rows = rows(map, &within, fill.spacing_m).into_iter();
+            (edges.map(|ring| (ring, true)))
+                .chain(rows.map(|row| (row, false)))
+                .collect()
         }
-        Pattern::Contour => rings().into_iter().map(|(_, ring)| ring).collect(),
-        Pattern::Spiral => spiral_of(&rings(), &within, fill.spacing_m),
+        Pattern::Contour => (rings().into_iter())
+            .map(|(number, ring)| (ring, number == 0))
+            .collect(),
+        Pattern::Spiral => (spiral_of(&rings(), &within, fill.spacing_m).into_iter())
+            .map(|stroke| (stroke, false))
+            .collect(),
     };
     let short_m = SHORT_SHARE * fill.spacing_m;
-    let strokes: Vec<Points> = (strokes.into_iter())
-        .filter(|stroke| length_m(stroke) > short_m)
-        .map(|stroke| simplify(&stroke, TOLERANCE_M))
+    let strokes: Vec<FillStroke> = (strokes.into_iter())
+        .filter(|(stroke, _)| length_m(stroke) > short_m)
+        .map(|(stroke, at_edge)| FillStroke {
+            points: simplify(&stroke, TOLERANCE_M),
+            at_edge,
+        })
         .collect();
     if strokes.len() > STROKES_MAX {
         return Err(RegionError::option(

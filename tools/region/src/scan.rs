@@ -14,8 +14,6 @@ use crate::options::{RegionOptions, cell_m};
 use crate::patch::unit;
 use crate::plane::TaskPlane;
 
-/// Mean distance of the points that a cell needs, cells.
-const POINTS_PER_CELL: f64 = 1.5;
 /// Gaps that are closed, nodes.
 const CLOSED: usize = 3;
 /// Rounds in which the heights are smoothed.
@@ -62,18 +60,7 @@ pub(crate) fn map(
     let (low, high) = bounds(places.iter().map(|p| p.xy()));
     let size = high - low;
     let apart_m = (size.x * size.y / places.len() as f64).sqrt();
-    let cell_m = cell_m(size, spacing_m)?.max(POINTS_PER_CELL * apart_m);
-    if cell_m * crate::fill::NODES_PER_SPACING > spacing_m {
-        return Err(RegionError::option(
-            "--spacing-m",
-            spacing_m,
-            format!(
-                "{:.4} m or more for points that are {:.4} m apart",
-                cell_m * crate::fill::NODES_PER_SPACING,
-                apart_m
-            ),
-        ));
-    }
+    let cell_m = cell_m(size, spacing_m, apart_m)?;
     let mut map = HeightMap::empty(plane, low, high, cell_m);
     medians(&mut map, &places);
     despike(&mut map);

@@ -26,7 +26,7 @@ pub(crate) fn expected(
     let points = filled
         .strokes
         .iter()
-        .flatten()
+        .flat_map(|stroke| &stroke.points)
         .chain(filled.edge.rings.iter().flatten());
     let (low, high) = points.fold((*at, *at), |(low, high), p| (low.inf(p), high.sup(p)));
     let border = Vector2::repeat(BORDER_M);

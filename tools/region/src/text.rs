@@ -10,11 +10,19 @@ use crate::plane::TaskPlane;
 /// The approach continues this far below the expected surface, m.
 const BELOW_M: f64 = 0.03;
 
+/// A stroke as the task has it.
+pub(crate) struct TaskStroke {
+    /// Places over the plane, from where the tool touches down, m.
+    pub points_m: Vec<[f64; 2]>,
+    /// Whether it runs along an edge of the region.
+    pub at_edge: bool,
+}
+
 pub(crate) fn text(
     options: &RegionOptions<'_>,
     fill: &Fill,
     plane: &TaskPlane,
-    strokes: &[Vec<[f64; 2]>],
+    strokes: &[TaskStroke],
     surface: &ExpectedSurface,
     rings_m: &[Vec<[f64; 2]>],
     start_joints_rad: &[f64],
@@ -71,8 +79,19 @@ pub(crate) fn text(
          [path]\nkind = \"strokes\"\nspeed_m_per_s = {:?}\n",
         options.speed_m_per_s
     );
+    let edge = [
+        ("force_n", options.edge_force_n),
+        ("speed_m_per_s", options.edge_speed_m_per_s),
+    ];
     for stroke in strokes {
-        text += &format!("\n[[path.strokes]]\npoints_m = {}\n", points(stroke));
+        let of_its_own: String = (edge.iter())
+            .filter(|_| stroke.at_edge)
+            .filter_map(|(key, value)| Some(format!("{key} = {:?}\n", (*value)?)))
+            .collect();
+        text += &format!(
+            "\n[[path.strokes]]\npoints_m = {}\n{of_its_own}",
+            points(&stroke.points_m)
+        );
     }
     let heights: Vec<String> = (surface.heights_m.chunks(surface.columns))
         .map(|row| {

@@ -109,6 +109,8 @@ fn region<'a>(mesh: &Mesh, pattern: Pattern) -> RegionOptions<'a> {
         ]],
         pattern,
         edge_pass: false,
+        edge_force_n: None,
+        edge_speed_m_per_s: None,
         radius_m: RADIUS_M,
         spacing_m: None,
         margin_m: Some(0.003),

@@ -37,6 +37,8 @@ fn options<'a>() -> RegionOptions<'a> {
         holes_m: Vec::new(),
         pattern: Pattern::Raster,
         edge_pass: false,
+        edge_force_n: None,
+        edge_speed_m_per_s: None,
         radius_m: 0.01,
         spacing_m: Some(0.008),
         margin_m: Some(0.01),
@@ -447,4 +449,77 @@ fn an_edge_pass_runs_along_the_edge() {
     let ring: Vec<Vector2<f64>> = ring.unwrap().points_m.iter().map(|p| (*p).into()).collect();
     let length_m: f64 = ring.windows(2).map(|ends| (ends[1] - ends[0]).norm()).sum();
     assert!((length_m - 0.24).abs() < 0.002, "{length_m}");
+}
+
+/// The bug that it guards against: in the order of the strokes, nothing said any more which of
+/// them run along an edge.
+#[test]
+fn strokes_along_edges_have_a_force_and_a_speed_of_their_own() {
+    let mesh = graph([0.1, 0.06], 0.005, |_, _| 0.0);
+    for (pattern, edge_pass) in [(Pattern::Raster, true), (Pattern::Contour, false)] {
+        let how = RegionOptions {
+            pattern,
+            edge_pass,
+            edge_force_n: Some(3.0),
+            edge_speed_m_per_s: Some(0.01),
+            holes_m: vec![vec![
+                [0.04, 0.025, 0.0],
+                [0.06, 0.025, 0.0],
+                [0.06, 0.035, 0.0],
+                [0.04, 0.035, 0.0],
+            ]],
+            margin_m: Some(0.005),
+            ..options()
+        };
+        let draft = draft(&mesh, &how).unwrap();
+        let tangent_control::PathSpec::Strokes(path) = &draft.task.path else {
+            panic!("no strokes");
+        };
+        let lines = strokes(&draft, |_, _| 0.0);
+        // Distance from the edges of the plate and of the hole, m.
+        let away = |p: &Vector3<f64>| {
+            let plate = p.x.min(0.1 - p.x).min(p.y).min(0.06 - p.y);
+            let beside = [0.04 - p.x, p.x - 0.06, 0.025 - p.y, p.y - 0.035];
+            let hole = Vector2::new(
+                beside[0].max(beside[1]).max(0.0),
+                beside[2].max(beside[3]).max(0.0),
+            );
+            plate.min(hole.norm())
+        };
+        let mut at_edge = 0;
+        for (stroke, line) in path.strokes.iter().zip(&lines) {
+            let furthest = line.iter().map(away).fold(0.0, f64::max);
+            let own = (stroke.force_n, stroke.speed_m_per_s);
+            // The first and the last row of a raster are beside an edge, too.
+            if furthest < 0.0055 && stroke.points_m.first() == stroke.points_m.last() {
+                assert_eq!(own, (Some(3.0), Some(0.01)), "{pattern:?}");
+                at_edge += 1;
+            } else {
+                assert_eq!(own, (None, None), "{pattern:?}");
+            }
+        }
+        assert_eq!((at_edge, draft.edge_strokes), (2, 2), "{pattern:?}");
+        assert!(lines.len() > 4);
+    }
+}
+
+#[test]
+fn a_force_of_edges_needs_strokes_along_them() {
+    let mesh = graph([0.1, 0.06], 0.005, |_, _| 0.0);
+    let refused = |how: RegionOptions<'_>| draft(&mesh, &how).unwrap_err().to_string();
+    let said = refused(RegionOptions {
+        edge_force_n: Some(3.0),
+        ..options()
+    });
+    for words in ["--edge-force-n", "3", "--edge-pass", "--pattern contour"] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    let said = refused(RegionOptions {
+        edge_pass: true,
+        edge_speed_m_per_s: Some(2.0),
+        ..options()
+    });
+    for words in ["--edge-speed", "2", "0.001 to 0.25"] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
 }

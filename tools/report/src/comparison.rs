@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use serde::Serialize;
-use tangent_simulation::metrics::{Figures, Spread, angle_deg};
+use tangent_simulation::metrics::{NormalFigures, Spread, angle_deg};
 
 use crate::run::Run;
 use crate::task_run::TaskRun;
@@ -53,11 +53,12 @@ pub fn estimators(run: &Run, task: &TaskRun<'_>) -> BTreeMap<String, EstimatorFi
 }
 
 fn one(run: &Run, task: &TaskRun<'_>, name: &str) -> EstimatorFigures {
-    let samples = task.samples_with(run, name);
-    let f = Figures::of(&samples);
+    let estimates = task.estimates_of(run, name);
+    let samples = task.cycles.iter().map(|cycle| &cycle.sample);
+    let f = NormalFigures::of(samples.zip(estimates.iter().copied()));
     let (mut from_active, mut pressing, mut valid) = (Vec::new(), 0u64, 0u64);
-    for (own, cycle) in samples.iter().zip(&task.cycles) {
-        let Some(estimate) = own.estimate.filter(|_| own.phase.is_pressing()) else {
+    for (own, cycle) in estimates.iter().zip(&task.cycles) {
+        let Some(estimate) = own.filter(|_| cycle.sample.phase.is_pressing()) else {
             continue;
         };
         pressing += 1;

@@ -121,18 +121,15 @@ impl<'a> TaskRun<'a> {
         self.cycles.iter().filter(slides).collect()
     }
 
-    /// The cycles in the form that the figures need, with the estimates of `estimator` in place of
-    /// those in use.
-    pub fn samples_with(&self, run: &Run, estimator: &str) -> Vec<CycleSample> {
+    /// The newest estimate of `estimator` at each cycle.
+    pub fn estimates_of(&self, run: &Run, estimator: &str) -> Vec<Option<EstimateSample>> {
         let estimates = run.estimates.get(estimator);
         let estimates = estimates.map(|all| within(all, |e| &e.header, self.window_ns));
         let (estimates, mut at) = (estimates.unwrap_or_default(), 0);
         self.cycles
             .iter()
-            .map(|cycle| CycleSample {
-                estimate: newest(estimates, &mut at, |e| e.cycle, cycle.control.cycle)
-                    .map(estimate_sample),
-                ..cycle.sample
+            .map(|cycle| {
+                newest(estimates, &mut at, |e| e.cycle, cycle.control.cycle).map(estimate_sample)
             })
             .collect()
     }

@@ -1,9 +1,7 @@
 //! The points of a depth image, in axes of the camera.
 
 use nalgebra::Vector3;
-use tangent_estimation::depth_normal::{
-    DepthEncoding, DepthEncodingError, DepthLayout, Intrinsics,
-};
+use tangent_estimation::depth_normal::{DepthEncodingError, DepthLayout, Intrinsics};
 use tangent_schemas::standard::Image;
 
 /// Nearest and furthest reading that is used, m.
@@ -12,21 +10,22 @@ const RANGE_M: (f64, f64) = (0.02, 3.0);
 /// nearer: their depth is mixed.
 const RIM_SHARE: f64 = 0.03;
 
-/// At most about `count_max` points, evenly over the image, m.
+/// At most about `count_max` points, evenly over the image, m. Pixels that are not zero in
+/// `left_out` are left out.
 pub(crate) fn points_of(
     image: &Image,
     intrinsics: &Intrinsics,
+    left_out: &[u8],
     count_max: usize,
 ) -> Result<Vec<Vector3<f64>>, DepthEncodingError> {
     let (width, height) = (image.width as usize, image.height as usize);
     let mut depth_m = Vec::new();
-    DepthLayout {
-        width,
-        height,
-        step: image.step as usize,
-        big_endian: image.is_bigendian != 0,
-        encoding: DepthEncoding::from_name(&image.encoding)?,
-    }
+    DepthLayout::stated(
+        [image.width, image.height],
+        image.step,
+        image.is_bigendian,
+        &image.encoding,
+    )?
     .read(&image.data, &mut depth_m)?;
     let mut step = 1;
     while (width / step) * (height / step) > count_max {
@@ -45,7 +44,8 @@ pub(crate) fn points_of(
                 let step = (other - z).abs();
                 step.is_nan() || step > RIM_SHARE * z
             });
-            if (RANGE_M.0..RANGE_M.1).contains(&z) && !at_rim {
+            let is_tool = left_out.get(v * width + u).is_some_and(|out| *out != 0);
+            if (RANGE_M.0..RANGE_M.1).contains(&z) && !at_rim && !is_tool {
                 let [x, y] = intrinsics.ray(u as f64, v as f64);
                 points.push(Vector3::new(x * z, y * z, z));
             }
@@ -83,19 +83,19 @@ mod tests {
                 .flat_map(|k| depth(k).to_le_bytes())
                 .collect(),
         };
-        let points = points_of(&image, &intrinsics, 10_000).unwrap();
+        let points = points_of(&image, &intrinsics, &[], 10_000).unwrap();
         assert_eq!(points.len(), width * height);
         for p in &points {
             assert!((p.z - 0.3 - 0.2 * p.x).abs() < 1e-6);
         }
-        assert!(points_of(&image, &intrinsics, 100).unwrap().len() <= 100);
+        assert!(points_of(&image, &intrinsics, &[], 100).unwrap().len() <= 100);
         // No reading, and the pixels beside it.
         image.data[..4].copy_from_slice(&f32::NAN.to_le_bytes());
         assert_eq!(
-            points_of(&image, &intrinsics, 10_000).unwrap().len(),
+            points_of(&image, &intrinsics, &[], 10_000).unwrap().len(),
             width * height - 1
         );
         image.step = 7;
-        assert!(points_of(&image, &intrinsics, 100).is_err());
+        assert!(points_of(&image, &intrinsics, &[], 100).is_err());
     }
 }

@@ -53,16 +53,10 @@ pub enum DepthEncodingError {
 /// The header of a payload, as in `sensor_msgs/Image`.
 ///
 /// ```
-/// use tangent_estimation::depth_normal::{DepthEncoding, DepthLayout};
+/// use tangent_estimation::depth_normal::DepthLayout;
 ///
 /// // Two pixels in millimetres, low byte first.
-/// let layout = DepthLayout {
-///     width: 2,
-///     height: 1,
-///     step: 4,
-///     big_endian: false,
-///     encoding: DepthEncoding::from_name("16UC1")?,
-/// };
+/// let layout = DepthLayout::stated([2, 1], 4, 0, "16UC1")?;
 /// let mut depth_m = Vec::new();
 /// layout.read(&[0xf4, 0x01, 0x00, 0x00], &mut depth_m)?;
 /// assert_eq!(depth_m, [0.5, 0.0]);
@@ -108,6 +102,27 @@ impl DepthEncoding {
 }
 
 impl DepthLayout {
+    /// Layout from the fields of a `sensor_msgs/Image`: width and height, `step`, `is_bigendian`
+    /// and `encoding`.
+    ///
+    /// # Errors
+    /// [`DepthEncodingError::Encoding`] for anything that is not depth.
+    pub fn stated(
+        size_px: [u32; 2],
+        step: u32,
+        is_bigendian: u8,
+        encoding: &str,
+    ) -> Result<Self, DepthEncodingError> {
+        let [width, height] = size_px.map(|count| count as usize);
+        Ok(Self {
+            width,
+            height,
+            step: step as usize,
+            big_endian: is_bigendian != 0,
+            encoding: DepthEncoding::from_name(encoding)?,
+        })
+    }
+
     /// Checks that `bytes` of data hold an image of this layout; the padding of the last row may be
     /// missing. Returns the number of bytes per row that are pixels.
     ///

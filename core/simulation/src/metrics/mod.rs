@@ -7,6 +7,8 @@ mod normal_found;
 pub mod object;
 pub mod visuo_tactile;
 
+use std::borrow::Cow;
+
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use tangent_control::Phase;
@@ -82,6 +84,11 @@ impl CycleSample {
     /// controller.
     fn touches(&self) -> bool {
         self.truth.map_or(self.in_contact, |t| t.in_contact)
+    }
+
+    /// Whether the tool leaves the surface, or has left it.
+    fn is_after_pressing(&self) -> bool {
+        matches!(self.phase, Phase::Retract | Phase::Done)
     }
 
     /// Pressing force, N: the true one if it is known, otherwise the measured one; `None` if
@@ -224,6 +231,55 @@ pub struct TankFigures {
     pub force_max_j: f64,
 }
 
+/// Figures of an estimator's normals, with the definitions of [`Figures`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NormalFigures {
+    /// [`Figures::normal_error_deg`].
+    pub normal_error_deg: Option<Spread>,
+    /// [`Figures::normal_error_settled_deg`].
+    pub normal_error_settled_deg: Option<Spread>,
+    /// [`Figures::alignment_error_deg`].
+    pub alignment_error_deg: Option<Spread>,
+    /// [`Figures::normal_nees_per_dof`].
+    pub normal_nees_per_dof: Option<f64>,
+}
+
+impl NormalFigures {
+    /// Figures from the cycles of one task, in order of time, each with an estimate in place of its
+    /// own. One pass and no copy: a report makes these figures of every estimator.
+    pub fn of<'a>(
+        cycles: impl IntoIterator<Item = (&'a CycleSample, Option<EstimateSample>)>,
+    ) -> Self {
+        let cycles = cycles.into_iter().skip_while(|(s, _)| !s.touches());
+        let (mut errors, mut settled) = (Vec::new(), Vec::new());
+        let (mut alignments, mut nees) = (Vec::new(), Vec::new());
+        let mut settled_from = None;
+        for (sample, estimate) in cycles.take_while(|(s, _)| !s.is_after_pressing()) {
+            let from = *settled_from.get_or_insert(sample.time_s + SETTLING_LEFT_OUT_S);
+            let Some(estimate) = estimate.filter(|_| sample.touches()) else {
+                continue;
+            };
+            alignments.push(angle_deg(&estimate.normal, &-sample.tool_z));
+            let Some(truth) = &sample.truth else { continue };
+            let error = angle_deg(&estimate.normal, &truth.normal);
+            errors.push(error);
+            if sample.time_s >= from {
+                settled.push(error);
+            }
+            if estimate.valid {
+                let found = nees_of_normal(&estimate.normal, &estimate.covariance, &truth.normal);
+                nees.extend(found);
+            }
+        }
+        Self {
+            normal_error_deg: Spread::of(&mut errors),
+            normal_error_settled_deg: Spread::of(&mut settled),
+            alignment_error_deg: Spread::of(&mut alignments),
+            normal_nees_per_dof: mean(&nees),
+        }
+    }
+}
+
 /// All figures that follow from the samples alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Figures {
@@ -271,31 +327,26 @@ impl Figures {
         // The figures cover the pressing: from first contact to the retraction.
         let first = samples.iter().position(CycleSample::touches);
         let from_first = first.map_or(&samples[..0], |first| &samples[first..]);
-        let ends = |s: &CycleSample| matches!(s.phase, Phase::Retract | Phase::Done);
-        let end = from_first.iter().position(ends).unwrap_or(from_first.len());
+        let end = from_first
+            .iter()
+            .position(CycleSample::is_after_pressing)
+            .unwrap_or(from_first.len());
         let span = &from_first[..end];
         let meant_to_touch = meant_to_touch(span);
         let first_s = first.map(|i| samples[i].time_s);
         let settled_from = first_s.map_or(f64::INFINITY, |t| t + SETTLING_LEFT_OUT_S);
+        let normals = NormalFigures::of(samples.iter().map(|s| (s, s.estimate)));
         let touching = || span.iter().filter(|s| s.touches());
         let spread = |pick: &dyn Fn(&CycleSample) -> Option<f64>| {
             Spread::of(&mut touching().filter_map(pick).collect::<Vec<_>>())
         };
-        let normal_error = |s: &CycleSample| Some(angle_deg(&s.estimate?.normal, &s.truth?.normal));
-        let nees: Vec<f64> = touching().filter_map(nees_per_dof).collect();
         Self {
-            normal_error_deg: spread(&normal_error),
-            normal_error_settled_deg: spread(&|s| {
-                if s.time_s >= settled_from {
-                    normal_error(s)
-                } else {
-                    None
-                }
-            }),
+            normal_error_deg: normals.normal_error_deg,
+            normal_error_settled_deg: normals.normal_error_settled_deg,
             normal_found_after_m: normal_found::after_m(span),
-            alignment_error_deg: spread(&|s| Some(angle_deg(&s.estimate?.normal, &-s.tool_z))),
+            alignment_error_deg: normals.alignment_error_deg,
             tool_error_deg: spread(&|s| s.truth.map(|t| angle_deg(&t.normal, &-t.tool_z))),
-            normal_nees_per_dof: mean(&nees),
+            normal_nees_per_dof: normals.normal_nees_per_dof,
             force: force(samples, from_first, &meant_to_touch, settled_from),
             path: path(span),
             contact: contact(&meant_to_touch, first_s),
@@ -313,7 +364,10 @@ impl Figures {
 
 /// The cycles in which the tool is meant to be on the surface: without its ways above the surface,
 /// from stroke to stroke, up to the touch at their end.
-fn meant_to_touch(span: &[CycleSample]) -> Vec<CycleSample> {
+fn meant_to_touch(span: &[CycleSample]) -> Cow<'_, [CycleSample]> {
+    if !span.iter().any(|sample| sample.phase == Phase::Lift) {
+        return Cow::Borrowed(span);
+    }
     let mut above = false;
     let mut meant = Vec::with_capacity(span.len());
     for sample in span {
@@ -323,7 +377,7 @@ fn meant_to_touch(span: &[CycleSample]) -> Vec<CycleSample> {
             meant.push(*sample);
         }
     }
-    meant
+    Cow::Owned(meant)
 }
 
 fn mean(values: &[f64]) -> Option<f64> {
@@ -333,15 +387,6 @@ fn mean(values: &[f64]) -> Option<f64> {
 fn root_mean_square(values: &[f64]) -> Option<f64> {
     (!values.is_empty())
         .then(|| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
-}
-
-fn nees_per_dof(sample: &CycleSample) -> Option<f64> {
-    let estimate = sample.estimate.filter(|e| e.valid)?;
-    nees_of_normal(
-        &estimate.normal,
-        &estimate.covariance,
-        &sample.truth?.normal,
-    )
 }
 
 /// Normalised squared error of a normal in its tangent plane, per degree of freedom (two); `None`

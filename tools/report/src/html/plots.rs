@@ -317,16 +317,14 @@ pub(super) fn estimators(
             .estimators
             .keys()
             .map(|name| {
-                let points = task
-                    .samples_with(run, name)
-                    .iter()
-                    .map(|s| {
-                        let angle = s.truth.filter(|t| t.in_contact).zip(s.estimate);
-                        let angle = angle.map(|(t, e)| angle_deg(&e.normal, &t.normal));
-                        (s.time_s, angle.unwrap_or(f64::NAN))
-                    })
-                    .collect();
-                (name.as_str(), points)
+                let own = task.estimates_of(run, name);
+                let points = own.iter().zip(&task.cycles).map(|(own, cycle)| {
+                    let truth = cycle.sample.truth.as_ref().filter(|t| t.in_contact);
+                    let angle = truth.zip(own.as_ref());
+                    let angle = angle.map(|(t, e)| angle_deg(&e.normal, &t.normal));
+                    (cycle.time_s, angle.unwrap_or(f64::NAN))
+                });
+                (name.as_str(), points.collect())
             })
             .collect();
         html += &figure(&axes, &curves, "Relative to the truth, while in contact.")?;
@@ -346,12 +344,13 @@ fn from_active(run: &Run, task: &TaskRun<'_>, report: &Report) -> Result<String,
         bands: &bands,
     };
     let curve = |name: &String| {
-        let own = task.samples_with(run, name);
+        let own = task.estimates_of(run, name);
         let points = own.iter().zip(&task.cycles).map(|(own, cycle)| {
-            let active = cycle.sample.estimate.filter(|_| own.phase.is_pressing());
-            let angle = own.estimate.zip(active);
+            let pressing = cycle.sample.phase.is_pressing();
+            let active = (cycle.sample.estimate.as_ref()).filter(|_| pressing);
+            let angle = own.as_ref().zip(active);
             let angle = angle.map(|(own, active)| angle_deg(&own.normal, &active.normal));
-            (own.time_s, angle.unwrap_or(f64::NAN))
+            (cycle.time_s, angle.unwrap_or(f64::NAN))
         });
         points.collect::<Vec<_>>()
     };

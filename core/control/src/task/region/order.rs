@@ -18,6 +18,8 @@ pub type Points = Vec<Vector2<f64>>;
 pub struct Ordered {
     /// Points, m.
     pub points: Points,
+    /// Its place among the strokes that were given, from 0.
+    pub given: usize,
     /// Whether the tool lifts off on the way to it.
     pub lifts: bool,
 }
@@ -26,18 +28,19 @@ pub struct Ordered {
 /// the point nearest to the tool. Within `inside`, up to `over_m` beyond its edge, the tool slides
 /// from stroke to stroke.
 pub fn ordered(
-    mut strokes: Vec<Points>,
+    strokes: Vec<Points>,
     start: Vector2<f64>,
     inside: &Polygon,
     over_m: f64,
 ) -> Vec<Ordered> {
     let mut at = start;
     let mut sorted = Vec::with_capacity(strokes.len());
+    let mut strokes: Vec<(usize, Points)> = strokes.into_iter().enumerate().collect();
     while !strokes.is_empty() {
         let mut ways: Vec<(f64, usize)> = strokes
             .iter()
             .enumerate()
-            .map(|(i, stroke)| ((nearest_start(stroke, &at).1 - at).norm(), i))
+            .map(|(i, (_, stroke))| ((nearest_start(stroke, &at).1 - at).norm(), i))
             .collect();
         ways.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut best: Option<(f64, usize, bool)> = None;
@@ -45,7 +48,7 @@ pub fn ordered(
             if best.is_some_and(|(cost, ..)| cost <= way_m) {
                 break;
             }
-            let to = nearest_start(&strokes[index], &at).1;
+            let to = nearest_start(&strokes[index].1, &at).1;
             let lifts = !inside.sees(&at, &to, over_m);
             let cost = way_m + if lifts { LIFT_M } else { 0.0 };
             if best.is_none_or(|(least, ..)| cost < least) {
@@ -55,7 +58,7 @@ pub fn ordered(
         let Some((_, index, lifts)) = best else {
             break;
         };
-        let mut points = strokes.remove(index);
+        let (given, mut points) = strokes.remove(index);
         let begin = nearest_start(&points, &at).0;
         if is_closed(&points) {
             points.pop();
@@ -65,7 +68,11 @@ pub fn ordered(
             points.reverse();
         }
         at = points.last().copied().unwrap_or(at);
-        sorted.push(Ordered { points, lifts });
+        sorted.push(Ordered {
+            points,
+            given,
+            lifts,
+        });
     }
     sorted
 }
@@ -105,6 +112,8 @@ mod tests {
             .collect();
         assert_eq!(starts, [(0.01, 0.01), (0.09, 0.05), (0.01, 0.09)]);
         assert!(sorted.iter().all(|s| !s.lifts));
+        let given: Vec<_> = sorted.iter().map(|s| s.given).collect();
+        assert_eq!(given, [1, 0, 2]);
     }
 
     #[test]
