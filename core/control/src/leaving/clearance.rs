@@ -200,7 +200,9 @@ struct Retreat {
     /// Position at the start, m, and the direction of the force then, across the retraction.
     from: Vector3<f64>,
     out: Vector3<f64>,
-    /// Farthest position against that direction, m, and when it was reached, s.
+    /// Force along the retraction at the start, N.
+    along_n: f64,
+    /// Farthest position against `out`, m, and when it was reached, s.
     deepest_m: f64,
     deepest_s: f64,
     elapsed_s: f64,
@@ -222,6 +224,7 @@ impl Retreat {
             out: (met.force - met.along * met.force.dot(&met.along))
                 .try_normalize(1e-9)
                 .unwrap_or_default(),
+            along_n: met.force.dot(&met.along),
             deepest_m: 0.0,
             deepest_s: f64::NEG_INFINITY,
             elapsed_s: 0.0,
@@ -238,12 +241,14 @@ impl Retreat {
         let gone_m = met.way_m - self.from_m;
         self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
-        // A tool that has slid into something still moves on, across the retraction.
+        // A tool that has slid into something still moves on, across the retraction. What stands
+        // there does not press against the retraction.
         let out_m = (met.position - self.from).dot(&self.out);
         if out_m < self.deepest_m - STILL_IN_M {
             (self.deepest_m, self.deepest_s) = (out_m, self.elapsed_s);
         }
-        let slides_on = self.elapsed_s <= self.deepest_s + READ_S;
+        let slides_on = self.elapsed_s <= self.deepest_s + READ_S
+            && met.force.dot(&met.along) >= self.along_n - config.opposed_n;
         // Once the tool moves out again, the contact releases: a force that increases from there
         // comes from an obstacle.
         let moves_in = self.lowest_m < -STILL_IN_M && gone_m <= self.lowest_m + STILL_IN_M;

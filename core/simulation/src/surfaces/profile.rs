@@ -295,7 +295,7 @@ mod tests {
         let found = near(&up, -0.004, 0.0079);
         assert_eq!(found.len(), 2, "{found:?}");
         assert!((found[1].0 - 0.0079).abs() < 1e-12 && found[1].1.z == 1.0);
-        let edge = Vector3::new(-0.0045, 0.0, 0.0064);
+        let edge = Vector3::new(-0.0045, 0.0, 0.0064_f64);
         assert!((found[0].0 - (edge.norm() - r)).abs() < 1e-12);
         assert!((found[0].1 - edge.normalize()).norm() < 1e-9);
         // Both edges of the groove, as far from its middle.
@@ -322,7 +322,7 @@ mod tests {
             ] {
                 let p = Vector3::new(x, 0.0, z);
                 let (distance, _) = profile.distance_and_normal(&p);
-                let nearest = profile
+                let nearest: f64 = profile
                     .faces_around(&p)
                     .into_iter()
                     .flatten()
