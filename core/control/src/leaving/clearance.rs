@@ -200,8 +200,8 @@ struct Retreat {
     /// Position at the start, m, and the direction of the force then, across the retraction.
     from: Vector3<f64>,
     out: Vector3<f64>,
-    /// Force along the retraction at the start, N.
-    along_n: f64,
+    /// Largest force in that direction while the tool slid on, N.
+    aside_n: f64,
     /// Farthest position against `out`, m, and when it was reached, s.
     deepest_m: f64,
     deepest_s: f64,
@@ -216,15 +216,14 @@ struct Retreat {
 
 impl Retreat {
     fn begin(met: &Met) -> Self {
-        let load = (met.force.norm(), met.torque_nm);
+        let across = met.force - met.along * met.force.dot(&met.along);
+        let load = ((met.force - across).norm(), met.torque_nm);
         Self {
             from_m: met.way_m,
             lowest_m: 0.0,
             from: met.position,
-            out: (met.force - met.along * met.force.dot(&met.along))
-                .try_normalize(1e-9)
-                .unwrap_or_default(),
-            along_n: met.force.dot(&met.along),
+            out: across.try_normalize(1e-9).unwrap_or_default(),
+            aside_n: across.norm(),
             deepest_m: 0.0,
             deepest_s: f64::NEG_INFINITY,
             elapsed_s: 0.0,
@@ -237,25 +236,34 @@ impl Retreat {
 
     /// Processes one cycle; returns whether an obstacle opposes the motion.
     fn is_opposed(&mut self, config: &LeaveConfig, ceiling: &Ceiling, met: &Met) -> bool {
-        let (force_n, torque_nm) = (met.force.norm(), met.torque_nm);
+        let torque_nm = met.torque_nm;
         let gone_m = met.way_m - self.from_m;
         self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
-        // A tool that has slid into something still moves on, across the retraction. What stands
-        // there does not press against the retraction.
+        // A tool that has slid into something still moves on, across the retraction: what stands
+        // there pushes harder until the tool is at rest. That part of the force is no obstacle.
         let out_m = (met.position - self.from).dot(&self.out);
         if out_m < self.deepest_m - STILL_IN_M {
             (self.deepest_m, self.deepest_s) = (out_m, self.elapsed_s);
         }
-        let slides_on = self.elapsed_s <= self.deepest_s + READ_S
-            && met.force.dot(&met.along) >= self.along_n - config.opposed_n;
+        let slides_on = self.elapsed_s <= TURN_S.min(self.deepest_s + READ_S);
+        let aside_n = met.force.dot(&self.out).max(0.0);
+        if slides_on {
+            self.aside_n = self.aside_n.max(aside_n);
+        }
+        let force_n = (met.force - self.out * aside_n.min(self.aside_n)).norm();
         // Once the tool moves out again, the contact releases: a force that increases from there
         // comes from an obstacle.
-        let moves_in = self.lowest_m < -STILL_IN_M && gone_m <= self.lowest_m + STILL_IN_M;
-        let turns = self.elapsed_s <= TURN_S && (moves_in || slides_on);
-        if turns {
-            self.first = (self.first.0.max(force_n), self.first.1.max(torque_nm));
-            self.least = (force_n, torque_nm);
+        let moves_in = self.elapsed_s <= TURN_S
+            && self.lowest_m < -STILL_IN_M
+            && gone_m <= self.lowest_m + STILL_IN_M;
+        if moves_in {
+            self.first.0 = self.first.0.max(force_n);
+            self.least.0 = force_n;
+        }
+        if moves_in || slides_on {
+            self.first.1 = self.first.1.max(torque_nm);
+            self.least.1 = torque_nm;
         }
         // The zero is not trusted: it is only assumed that the first millimetre releases the
         // contact.
