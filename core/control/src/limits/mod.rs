@@ -38,8 +38,8 @@ pub struct Limits {
     pub speed_max_m_per_s: f64,
     /// Acceleration of the tool's origin, m/s².
     pub acceleration_max_m_per_s2: f64,
-    /// Deceleration of the tool's origin when something stands in its way, m/s². A value below that of
-    /// the acceleration has no effect.
+    /// Deceleration of the tool's origin when something stands in its way, m/s². A value below
+    /// that of the acceleration has no effect.
     pub braking_max_m_per_s2: f64,
     /// Angular speed of the tool, rad/s.
     pub turn_rate_max_rad_per_s: f64,
