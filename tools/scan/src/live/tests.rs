@@ -9,7 +9,7 @@ const PATIENCE: Duration = Duration::from_millis(1);
 
 /// Messages of two seconds, in the order of their arrival: images arrive 40 ms after their stamps.
 enum Sent {
-    Arm(ArmState),
+    Arm(Box<ArmState>),
     Info(CameraInfo),
     Depth(Image),
 }
@@ -18,7 +18,7 @@ fn two_seconds() -> Vec<(i64, Sent)> {
     let mut sent = Vec::new();
     for at_ms in (0..2000).step_by(10) {
         let x_m = 0.1 + 5e-5 * at_ms as f64;
-        sent.push((at_ms, Sent::Arm(state(at_ms, x_m))));
+        sent.push((at_ms, Sent::Arm(Box::new(state(at_ms, x_m)))));
         if at_ms % 1000 == 500 {
             sent.push((at_ms, Sent::Info(info())));
         }
