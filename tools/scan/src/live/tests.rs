@@ -10,7 +10,7 @@ const PATIENCE: Duration = Duration::from_millis(1);
 /// Messages of two seconds, in the order of their arrival: images arrive 40 ms after their stamps.
 enum Sent {
     Arm(Box<ArmState>),
-    Info(CameraInfo),
+    Info(Box<CameraInfo>),
     Depth(Image),
 }
 
@@ -20,7 +20,7 @@ fn two_seconds() -> Vec<(i64, Sent)> {
         let x_m = 0.1 + 5e-5 * at_ms as f64;
         sent.push((at_ms, Sent::Arm(Box::new(state(at_ms, x_m)))));
         if at_ms % 1000 == 500 {
-            sent.push((at_ms, Sent::Info(info())));
+            sent.push((at_ms, Sent::Info(Box::new(info()))));
         }
         if at_ms % 50 == 40 {
             sent.push((at_ms, Sent::Depth(image(at_ms - 40))));
