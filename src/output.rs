@@ -1,6 +1,7 @@
 //! Result of a command: text or JSON on standard output, and an exit code.
 
 use std::fmt;
+use std::path::PathBuf;
 
 use anyhow::Result;
 use serde::Serialize;
@@ -43,6 +44,22 @@ impl std::error::Error for BadUsage {}
 /// Wraps any configuration error as [`BadUsage`].
 pub fn bad_usage(error: impl fmt::Display) -> anyhow::Error {
     BadUsage(error.to_string()).into()
+}
+
+/// The file that a command writes: `output`, or the one named by default. One that exists is
+/// replaced only with --force.
+///
+/// # Errors
+/// The file exists.
+pub fn file_to_write(output: Option<&PathBuf>, default: String, force: bool) -> Result<PathBuf> {
+    let file = output.cloned().unwrap_or_else(|| PathBuf::from(default));
+    if file.exists() && !force {
+        return Err(bad_usage(format!(
+            "{} exists: choose another --output, or replace it with --force",
+            file.display()
+        )));
+    }
+    Ok(file)
 }
 
 /// Whether the user has to change the command or a file that it names: exit code 2. Every other

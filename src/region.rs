@@ -1,7 +1,7 @@
 //! `tangent region`: a part of a mesh or a scan becomes a task file.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde_json::json;
@@ -16,7 +16,7 @@ use tangent_runtime::CellConfig;
 use tangent_runtime::config::Law;
 
 use crate::cli::{Region, RegionPattern};
-use crate::output::{Outcome, bad_usage, print_json};
+use crate::output::{Outcome, bad_usage, file_to_write, print_json};
 use crate::table::paragraph;
 
 /// Places of --match that differ by more than this are told, m.
@@ -31,13 +31,7 @@ pub fn run(args: &Region, config: &CellConfig, json: bool) -> Result<Outcome> {
         Some(name) => name.clone(),
         None => stem(&args.file)?,
     };
-    let file = (args.output.clone()).unwrap_or_else(|| PathBuf::from(format!("{name}.toml")));
-    if file.exists() && !args.force {
-        return Err(bad_usage(format!(
-            "{} exists: choose another --output, or replace it with --force",
-            file.display()
-        )));
-    }
+    let file = file_to_write(args.output.as_ref(), format!("{name}.toml"), args.force)?;
     let mut notes = Vec::new();
     let surface = surface(args, config, &mut notes)?;
     let model = model(config)?;

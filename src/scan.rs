@@ -13,7 +13,7 @@ use tangent_runtime::{Bus, CellConfig, Stop};
 use tangent_scan::{LiveScan, Scan, ScanError, Seen, of_recording};
 
 use crate::cli;
-use crate::output::{Outcome, bad_usage, print_json};
+use crate::output::{Outcome, bad_usage, file_to_write, print_json};
 use crate::table::paragraph;
 use crate::terminal;
 
@@ -48,19 +48,17 @@ pub fn run(args: &cli::Scan, config: &CellConfig, json: bool) -> Result<Outcome>
 
 /// The file to write. A folder that does not exist is told now, not after the arm was guided.
 fn file(args: &cli::Scan) -> Result<PathBuf> {
-    let file = (args.output.clone()).unwrap_or_else(|| PathBuf::from(format!("{}.ply", args.name)));
-    if file.extension().is_none_or(|ending| ending != "ply") {
+    if let Some(output) = args.output.as_ref().filter(|file| !is_ply(file)) {
         return Err(bad_usage(format!(
             "--output {}: a scan is a PLY file: choose a name that ends in .ply",
-            file.display()
+            output.display()
         )));
     }
-    if file.exists() && !args.force {
-        return Err(bad_usage(format!(
-            "{} exists: choose another --output, or replace it with --force",
-            file.display()
-        )));
-    }
+    let file = file_to_write(
+        args.output.as_ref(),
+        format!("{}.ply", args.name),
+        args.force,
+    )?;
     let folder = (file.parent()).filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
         return Err(bad_usage(format!(
@@ -70,6 +68,10 @@ fn file(args: &cli::Scan) -> Result<PathBuf> {
         )));
     }
     Ok(file)
+}
+
+fn is_ply(file: &Path) -> bool {
+    file.extension().is_some_and(|ending| ending == "ply")
 }
 
 /// Looks until Enter, Ctrl-C or the end of the time.

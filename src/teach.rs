@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::io::{BufRead, IsTerminal, stdin};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ use tangent_teach::{
 };
 
 use crate::cli::Teach;
-use crate::output::{Outcome, bad_usage, print_json};
+use crate::output::{Outcome, file_to_write, print_json};
 use crate::table::paragraph;
 use crate::terminal;
 
@@ -37,14 +37,11 @@ const KEYS: &str =
 /// The arm is not given to the hand, the input ends before the task is done, or the file cannot be
 /// written.
 pub fn run(args: &Teach, config: &CellConfig, json: bool) -> Result<Outcome> {
-    let file =
-        (args.output.clone()).unwrap_or_else(|| PathBuf::from(format!("{}.toml", args.name)));
-    if file.exists() && !args.force {
-        return Err(bad_usage(format!(
-            "{} exists: choose another --output, or replace it with --force",
-            file.display()
-        )));
-    }
+    let file = file_to_write(
+        args.output.as_ref(),
+        format!("{}.toml", args.name),
+        args.force,
+    )?;
     let model = model(config)?;
     let bus = session::join(config)?;
     let mut lesson = ArmLesson::open(&bus)?;

@@ -2,7 +2,9 @@
 
 use nalgebra::Vector2;
 use serde::Deserialize;
-use tangent_estimation::depth_normal::{DEPTH_NORMAL, DepthNormalConfig, Intrinsics};
+use tangent_estimation::depth_normal::{
+    DEPTH_NORMAL, DepthNormalConfig, Intrinsics, leave_out_rod,
+};
 use tangent_estimation::object_pose::{CameraModel, OBJECT_ESTIMATORS};
 use tangent_estimation::{EstimatorConfig, ObjectPoseConfig, estimator_names};
 use tangent_mechanics::{Camera, Flange, ModelData, Pose, Tip, Tool};
@@ -45,6 +47,32 @@ pub struct ToolInView {
     pub length_m: f64,
 }
 
+impl ToolInView {
+    /// One entry per pixel of an image of `size_px`, not zero where the tool is seen; all zero
+    /// without a tool.
+    pub fn left_out(
+        tool: Option<&Self>,
+        camera_from_tool: &Pose<Camera, Tool>,
+        intrinsics: &Intrinsics,
+        size_px: [u32; 2],
+    ) -> Vec<u8> {
+        let size_px = size_px.map(|count| count as usize);
+        let mut left_out = vec![0; size_px[0].saturating_mul(size_px[1])];
+        if let Some(rod) = tool {
+            let tip = camera_from_tool.translation();
+            let end = tip - camera_from_tool.z_axis() * rod.length_m;
+            leave_out_rod(
+                intrinsics,
+                size_px,
+                [&tip, &end],
+                rod.radius_m,
+                &mut left_out,
+            );
+        }
+        left_out
+    }
+}
+
 /// Settings of `depth_normal` in a service.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -80,15 +108,9 @@ pub struct DepthPlan {
 impl DepthPlan {
     /// Completes the plan with a calibration.
     pub fn with(&self, calibration: &Calibration) -> DepthChoice {
-        let ([fx_px, fy_px], [cx_px, cy_px]) = (calibration.focal_px, calibration.principal_px);
         DepthChoice {
             settings: self.settings.clone(),
-            intrinsics: Intrinsics {
-                fx_px,
-                fy_px,
-                cx_px,
-                cy_px,
-            },
+            intrinsics: Intrinsics::new(calibration.focal_px, calibration.principal_px),
             size_px: calibration.size_px,
             flange_from_camera: self.flange_from_camera,
         }

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use tangent_estimation::NormalEstimate;
 use tangent_estimation::depth_normal::{
     DEPTH_NORMAL, DepthEncodingError, DepthImage, DepthLayout, DepthNormal, DepthNormalState,
-    DepthSample, Intrinsics, SegmentShape, SurfaceAhead as Ahead, ToolTarget, leave_out_rod,
+    DepthSample, Intrinsics, SegmentShape, SurfaceAhead as Ahead, ToolTarget,
 };
 use tangent_mechanics::{Base, Camera, Flange, Pose, Tool};
 use tangent_runtime::health::instance_name;
@@ -28,7 +28,7 @@ use tangent_schemas::topics;
 use tangent_sensing::Validity;
 
 use crate::message::message;
-use crate::{DepthChoice, EstimatorError};
+use crate::{DepthChoice, EstimatorError, ToolInView};
 
 /// Number of arm states kept for late images: a quarter of a second at 1 kHz.
 const POSES: usize = 256;
@@ -105,25 +105,18 @@ impl Depth {
         news: Sender<Option<Text>>,
     ) -> Result<Self, EstimatorError> {
         let camera_from_tool = choice.flange_from_camera.inverse() * *flange_from_tool;
-        let tool = camera_from_tool.translation();
-        let size_px = choice.size_px.map(|n| n as usize);
-        let mut left_out = vec![0; size_px[0] * size_px[1]];
-        if let Some(rod) = &choice.settings.tool {
-            let end = tool - camera_from_tool.z_axis() * rod.length_m;
-            leave_out_rod(
-                &choice.intrinsics,
-                size_px,
-                [&tool, &end],
-                rod.radius_m,
-                &mut left_out,
-            );
-        }
+        let left_out = ToolInView::left_out(
+            choice.settings.tool.as_ref(),
+            &camera_from_tool,
+            &choice.intrinsics,
+            choice.size_px,
+        );
         Ok(Self {
             estimator: DepthNormal::new(&choice.settings.fit)?,
             state: DepthNormalState::default(),
             intrinsics: choice.intrinsics,
-            size_px,
-            tool,
+            size_px: choice.size_px.map(|count| count as usize),
+            tool: camera_from_tool.translation(),
             left_out,
             tool_from_camera: camera_from_tool.inverse(),
             depth_m: Vec::new(),

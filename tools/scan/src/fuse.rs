@@ -97,13 +97,7 @@ impl Fuse {
         if (self.calibration.as_ref()).is_some_and(|known| known.stated == stated) {
             return;
         }
-        let ([fx_px, fy_px], [cx_px, cy_px]) = (stated.focal_px, stated.principal_px);
-        let intrinsics = Intrinsics {
-            fx_px,
-            fy_px,
-            cx_px,
-            cy_px,
-        };
+        let intrinsics = Intrinsics::new(stated.focal_px, stated.principal_px);
         self.calibration = Some(Known {
             left_out: self.mounting.left_out(&intrinsics, stated.size_px),
             stated,

@@ -1,7 +1,6 @@
 //! Where the camera is on the tool, and what it sees of the tool.
 
-use nalgebra::Vector3;
-use tangent_estimation::depth_normal::{Intrinsics, leave_out_rod};
+use tangent_estimation::depth_normal::Intrinsics;
 use tangent_estimator::{DepthSettings, ToolInView};
 use tangent_mechanics::{Camera, Pose, Tool};
 use tangent_runtime::CellConfig;
@@ -36,20 +35,7 @@ impl Mounting {
 
     /// One entry per pixel, not zero where the tool is in view.
     pub(crate) fn left_out(&self, intrinsics: &Intrinsics, size_px: [u32; 2]) -> Vec<u8> {
-        let size_px = size_px.map(|count| count as usize);
-        let mut left_out = vec![0; size_px[0].saturating_mul(size_px[1])];
-        if let Some(rod) = &self.tool {
-            let camera_from_tool = self.tool_from_camera.inverse();
-            let tip = camera_from_tool.translation();
-            let end: Vector3<f64> = tip - camera_from_tool.z_axis() * rod.length_m;
-            leave_out_rod(
-                intrinsics,
-                size_px,
-                [&tip, &end],
-                rod.radius_m,
-                &mut left_out,
-            );
-        }
-        left_out
+        let camera_from_tool = self.tool_from_camera.inverse();
+        ToolInView::left_out(self.tool.as_ref(), &camera_from_tool, intrinsics, size_px)
     }
 }

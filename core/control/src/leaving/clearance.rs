@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use tangent_sensing::TareGround;
 
+use crate::contact::alignment::tangential;
 use crate::error::ControlError;
 use crate::limits::Limits;
 
@@ -155,8 +156,6 @@ const STEADY_S: f64 = 0.02;
 /// Measurements of one cycle of a retraction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Met {
-    /// Distance covered along the retraction, m.
-    pub way_m: f64,
     /// Direction of the retraction (unit), and the position of the tool, m; axes of the force.
     pub along: Vector3<f64>,
     pub position: Vector3<f64>,
@@ -194,11 +193,11 @@ impl Ceiling {
 /// Loads against which a retraction is judged.
 #[derive(Clone, Copy, Debug)]
 struct Retreat {
-    /// Start of the motion, and the lowest position relative to it (0 or negative), m.
-    from_m: f64,
-    lowest_m: f64,
-    /// Position at the start, m, and the direction of the force then, across the retraction.
+    /// Position at the start, m, and the lowest place along the retraction relative to it (0 or
+    /// negative), m.
     from: Vector3<f64>,
+    lowest_m: f64,
+    /// Direction of the force at the start, across the retraction.
     out: Vector3<f64>,
     /// Largest force in that direction while the tool slid on, N.
     aside_n: f64,
@@ -216,12 +215,11 @@ struct Retreat {
 
 impl Retreat {
     fn begin(met: &Met) -> Self {
-        let across = met.force - met.along * met.force.dot(&met.along);
-        let load = ((met.force - across).norm(), met.torque_nm);
+        let across = tangential(&met.force, &met.along);
+        let load = (met.force.dot(&met.along).abs(), met.torque_nm);
         Self {
-            from_m: met.way_m,
-            lowest_m: 0.0,
             from: met.position,
+            lowest_m: 0.0,
             out: across.try_normalize(1e-9).unwrap_or_default(),
             aside_n: across.norm(),
             deepest_m: 0.0,
@@ -237,12 +235,13 @@ impl Retreat {
     /// Processes one cycle; returns whether an obstacle opposes the motion.
     fn is_opposed(&mut self, config: &LeaveConfig, ceiling: &Ceiling, met: &Met) -> bool {
         let torque_nm = met.torque_nm;
-        let gone_m = met.way_m - self.from_m;
+        let gone = met.position - self.from;
+        let gone_m = gone.dot(&met.along);
         self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
         // A tool that has slid into something still moves on, across the retraction: what stands
         // there pushes harder until the tool is at rest. That part of the force is no obstacle.
-        let out_m = (met.position - self.from).dot(&self.out);
+        let out_m = gone.dot(&self.out);
         if out_m < self.deepest_m - STILL_IN_M {
             (self.deepest_m, self.deepest_s) = (out_m, self.elapsed_s);
         }
@@ -336,7 +335,8 @@ impl LeaveWatch {
         if retreat.is_opposed(config, ceiling, met) {
             return Leaving::Opposed;
         }
-        self.steadiness(config, met.way_m, &met.force, met.dt_s)
+        let way_m = met.position.dot(&met.along);
+        self.steadiness(config, way_m, &met.force, met.dt_s)
     }
 
     /// Marks a cycle without a wrench: earlier steadiness no longer counts.
@@ -444,7 +444,6 @@ mod tests {
             let t = 1e-3 * f64::from(k);
             let (way_m, slid_m) = (way(t), slides(t));
             let met = Met {
-                way_m,
                 along: Vector3::z(),
                 position: Vector3::new(slid_m, 0.0, way_m),
                 force: force_at(way_m, slid_m),

@@ -278,7 +278,6 @@ impl Departure {
         let gone_m = way.gone_m(&along);
         let rate = if let Some(felt) = load {
             let met = Met {
-                way_m: gone_m,
                 along,
                 position: way.at,
                 force: felt.force,

@@ -28,6 +28,17 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
+    /// Intrinsics with these focal lengths and this principal point, pixels, along rows and
+    /// columns.
+    pub fn new([fx_px, fy_px]: [f64; 2], [cx_px, cy_px]: [f64; 2]) -> Self {
+        Self {
+            fx_px,
+            fy_px,
+            cx_px,
+            cy_px,
+        }
+    }
+
     /// `[x/z, y/z]` of a pixel's ray.
     pub fn ray(&self, u_px: f64, v_px: f64) -> [f64; 2] {
         [

@@ -336,7 +336,7 @@ impl Pad {
             return sum;
         }
         let rotation = motion.rotation.to_rotation_matrix();
-        let mut press =
+        let mut touch =
             |distance: f64, normal: Vector3<f64>, arm: Vector3<f64>, bristle: &mut _| {
                 if distance >= 0.0 {
                     *bristle = Vector3::zeros();
@@ -368,9 +368,12 @@ impl Pad {
             let centre = rotation * self.points[0];
             let faces = surface.faces_around(&(motion.origin + centre));
             for (face, bristle) in faces.into_iter().zip(&mut self.bristles) {
-                let (distance, normal) = face.unwrap_or((f64::INFINITY, Vector3::zeros()));
+                let Some((distance, normal)) = face else {
+                    *bristle = Vector3::zeros();
+                    continue;
+                };
                 let arm = centre - normal * self.ball_radius;
-                press(distance - self.ball_radius, normal, arm, bristle);
+                touch(distance - self.ball_radius, normal, arm, bristle);
             }
             return sum;
         }
@@ -381,7 +384,7 @@ impl Pad {
                 let out = rotation * -Vector3::z();
                 (distance, normal) = compressed(surface, &(motion.origin + arm), &out, self.column);
             }
-            press(distance, normal, arm, bristle);
+            touch(distance, normal, arm, bristle);
         }
         sum
     }

@@ -87,7 +87,7 @@ impl CycleSample {
     }
 
     /// Whether the tool leaves the surface, or has left it.
-    fn is_after_pressing(&self) -> bool {
+    pub(crate) fn is_after_pressing(&self) -> bool {
         matches!(self.phase, Phase::Retract | Phase::Done)
     }
 

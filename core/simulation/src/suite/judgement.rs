@@ -78,11 +78,10 @@ pub fn judge(
         .contact
         .first_s
         .map_or(f64::INFINITY, |t| t + SETTLING_LEFT_OUT_S);
-    let retracts = |s: &CycleSample| matches!(s.phase, Phase::Retract | Phase::Done);
     let settled: Vec<&CycleSample> = samples
         .iter()
         .skip_while(|s| s.time_s < settled_from)
-        .take_while(|s| !retracts(s))
+        .take_while(|s| !s.is_after_pressing())
         .filter(|s| s.truth.is_some_and(|t| t.in_contact))
         .collect();
     let normal: Vec<f64> = settled

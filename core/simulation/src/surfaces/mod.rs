@@ -97,12 +97,6 @@ pub trait Shape {
     /// Shape operator at the closest point, 1/m.
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64>;
 
-    /// Signed distance and normal of each face at its point closest to `point`: a ball between two
-    /// of them touches both. The default is the closest point alone.
-    fn faces_around(&self, point: &Vector3<f64>) -> FacesAround {
-        [Some(self.distance_and_normal(point)), None, None]
-    }
-
     /// The first `t` within `range` at which the ray is inside the material; the start of `range`
     /// if the ray is already inside there. The default is sphere tracing; shapes may override it
     /// with a faster method.

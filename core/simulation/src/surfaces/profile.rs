@@ -104,6 +104,35 @@ impl Profile {
         (nearest.side - self.edge_radius, nearest.normal, None)
     }
 
+    /// Signed distance and normal of each face at its point closest to `point`: a ball between two
+    /// of them touches both. Pieces that meet at an edge are one face, between two inner corners.
+    pub fn faces_around(&self, point: &Vector3<f64>) -> FacesAround {
+        let p = Vector2::new(point.x, point.z);
+        let mut nearest: [Option<Piece>; FACES_MAX] = [None; FACES_MAX];
+        let mut face = 0;
+        for i in 0..=self.count {
+            let piece = self.piece(i, &p);
+            nearest[face] = Some(nearest[face].map_or(piece, |other| other.or(piece)));
+            face += usize::from(i < self.count && self.is_inner(i));
+        }
+        let out = |piece: Piece| {
+            let (distance, gradient, _) = self.rounded(&piece);
+            (distance, Vector3::new(gradient.x, 0.0, gradient.y))
+        };
+        let closest = nearest.into_iter().flatten().reduce(Piece::or);
+        if let Some(closest) = closest.filter(|piece| piece.side < 0.0) {
+            // In the material, the distances from its other faces say nothing.
+            return [Some(out(closest)), None, None];
+        }
+        // An inner corner is not what a ball touches: it touches the faces beside it.
+        let at_inner = |piece: &Piece| {
+            let at = p - piece.away;
+            (0..self.count)
+                .any(|i| self.is_inner(i) && (at - self.corners[i]).norm_squared() < 1e-18)
+        };
+        nearest.map(|piece| piece.filter(|piece| !at_inner(piece)).map(out))
+    }
+
     /// Whether the material forms an inner corner there: the profile turns left.
     fn is_inner(&self, corner: usize) -> bool {
         let corners = &self.corners[..self.count];
@@ -177,39 +206,6 @@ impl Shape for Profile {
     fn distance_and_normal(&self, point: &Vector3<f64>) -> (f64, Vector3<f64>) {
         let (distance, gradient, _) = self.at(&Vector2::new(point.x, point.z));
         (distance, Vector3::new(gradient.x, 0.0, gradient.y))
-    }
-
-    /// One face between two inner corners each: pieces that meet at an edge belong together.
-    fn faces_around(&self, point: &Vector3<f64>) -> FacesAround {
-        let p = Vector2::new(point.x, point.z);
-        let out = |(distance, gradient, _): (f64, Vector2<f64>, Option<f64>)| {
-            (distance, Vector3::new(gradient.x, 0.0, gradient.y))
-        };
-        let closest = self.at(&p);
-        let mut faces = [None; FACES_MAX];
-        if closest.0 + self.edge_radius < 0.0 {
-            // In the material, the distances from its other faces say nothing.
-            faces[0] = Some(out(closest));
-            return faces;
-        }
-        let mut slots = faces.iter_mut();
-        let mut nearest: Option<Piece> = None;
-        for i in 0..=self.count {
-            let piece = self.piece(i, &p);
-            nearest = Some(nearest.map_or(piece, |other| other.or(piece)));
-            if i < self.count && !self.is_inner(i) {
-                continue;
-            }
-            if let (Some(piece), Some(slot)) = (nearest.take(), slots.next()) {
-                // An inner corner is not what a ball touches: it touches the faces beside it.
-                let at_inner = (0..self.count).any(|corner| {
-                    self.is_inner(corner)
-                        && (p - piece.away - self.corners[corner]).norm_squared() < 1e-18
-                });
-                *slot = (!at_inner).then(|| out(self.rounded(&piece)));
-            }
-        }
-        faces
     }
 
     fn curvature(&self, point: &Vector3<f64>) -> Matrix3<f64> {

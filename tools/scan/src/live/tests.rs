@@ -29,56 +29,31 @@ fn two_seconds() -> Vec<(i64, Sent)> {
     sent
 }
 
+fn put<T: Message>(writer: &mut RecordingWriter, topic: &str, at_ms: i64, message: &T) {
+    let time_ns = (START_NS + at_ms * 1_000_000) as u64;
+    let mut bytes = Vec::new();
+    cdr::encode(message, &mut bytes).unwrap();
+    writer
+        .write(&Record {
+            publisher: [0; 16],
+            topic,
+            type_name: T::NAME,
+            definition: Some(&T::definition()),
+            sequence: at_ms as u32 + 1,
+            log_time_ns: time_ns,
+            publish_time_ns: time_ns,
+            bytes: &bytes,
+        })
+        .unwrap();
+}
+
 fn record(sent: &[(i64, Sent)], file: &std::path::Path) {
     let mut writer = RecordingWriter::create(file).unwrap();
-    let mut put = |topic: &str, at_ms: i64, type_name: &str, definition: &str, bytes: &[u8]| {
-        let time_ns = (START_NS + at_ms * 1_000_000) as u64;
-        writer
-            .write(&Record {
-                publisher: [0; 16],
-                topic,
-                type_name,
-                definition: Some(definition),
-                sequence: at_ms as u32 + 1,
-                log_time_ns: time_ns,
-                publish_time_ns: time_ns,
-                bytes,
-            })
-            .unwrap();
-    };
     for (at_ms, message) in sent {
-        let mut bytes = Vec::new();
         match message {
-            Sent::Arm(state) => {
-                cdr::encode(state, &mut bytes).unwrap();
-                put(
-                    "/arm/state",
-                    *at_ms,
-                    ArmState::NAME,
-                    &ArmState::definition(),
-                    &bytes,
-                );
-            }
-            Sent::Info(info) => {
-                cdr::encode(info, &mut bytes).unwrap();
-                put(
-                    "/camera/info",
-                    *at_ms,
-                    CameraInfo::NAME,
-                    &CameraInfo::definition(),
-                    &bytes,
-                );
-            }
-            Sent::Depth(image) => {
-                cdr::encode(image, &mut bytes).unwrap();
-                put(
-                    "/camera/depth",
-                    *at_ms,
-                    Image::NAME,
-                    &Image::definition(),
-                    &bytes,
-                );
-            }
+            Sent::Arm(state) => put(&mut writer, "/arm/state", *at_ms, &**state),
+            Sent::Info(info) => put(&mut writer, "/camera/info", *at_ms, &**info),
+            Sent::Depth(image) => put(&mut writer, "/camera/depth", *at_ms, image),
         }
     }
     writer.finish().unwrap();

@@ -125,7 +125,6 @@ impl Run {
         if let Some(wrench) = percept.wrench.or(read) {
             let hidden = |load| limits.is_untared_beyond(load);
             let met = Met {
-                way_m,
                 along: self.retract,
                 position: percept.position,
                 force: wrench.force,
