@@ -63,6 +63,14 @@ fn cell_files() {
 
     let franka = load("cell.karacan.toml");
     assert!(franka.simulator.scenario.is_some_and(|file| file.is_file()));
+    let scanned = load("cell.scan.toml");
+    assert!(scanned.camera.is_some());
+    assert!(
+        scanned
+            .simulator
+            .scenario
+            .is_some_and(|file| file.is_file())
+    );
     let object = load("cell.lippiello.toml");
     assert!(object.camera.is_some());
     assert!(object.simulator.scenario.is_some_and(|file| file.is_file()));

@@ -49,18 +49,23 @@ impl Served {
             set(cell, "ui.address", format!("127.0.0.1:{}", ports::free()));
             set(cell, "ui.on_lost_page", on_lost_page);
         });
-        Self::of(cell, &PROCESSES, offered)
+        Self::of(cell, &PROCESSES, offered, 0.02)
     }
 
     /// Serves the page of a cell whose file has an address for it.
-    fn of(mut cell: Cell, processes: &[&str], offered: &[(&str, bool, u32)]) -> Self {
+    fn of(
+        mut cell: Cell,
+        processes: &[&str],
+        offered: &[(&str, bool, u32)],
+        speed_m_per_s: f64,
+    ) -> Self {
         let folder = cell.file().parent().unwrap().to_owned();
         let tasks = folder.join("tasks");
         fs::create_dir(&tasks).unwrap();
         for (name, tare, strokes) in offered {
             let text = format!(
                 "name = \"{name}\"\ntare = {tare}\nforce.reference_n = 3.0\nend.retract_distance_m = 0.005\n\
-                 approach.speed_m_per_s = 0.015\n[path]\nkind = \"line\"\nto_m = [0.04, 0.0]\nspeed_m_per_s = 0.02\nstrokes = {strokes}\n"
+                 approach.speed_m_per_s = 0.015\n[path]\nkind = \"line\"\nto_m = [0.04, 0.0]\nspeed_m_per_s = {speed_m_per_s}\nstrokes = {strokes}\n"
             );
             fs::write(tasks.join(format!("{name}.toml")), text).unwrap();
         }
@@ -425,14 +430,15 @@ fn an_engineer_teaches_a_task_in_a_browser() {
 #[test]
 fn a_cell_at_500_hz_is_shown_right_and_stopped_while_it_seeks() {
     live(|| {
-        // The surface steps down in the middle of the path, at a sharp rim: a tip rolls over a
-        // round one, and keeps its contact, where the circles before the path cross it.
+        // The surface steps down in the middle of the path, at a sharp rim. A thin tip falls over
+        // it: a pad, or a slow tool, tilts around it and keeps its contact.
         let surface = "shape = \"step\"\nheight_m = -0.012\nedge_radius_m = 0.0005\n\
-                       position_m = [0.425, 0.0, 0.1]";
+                       position_m = [0.42, 0.0, 0.1]\n\
+                       [plant.tool.tip]\nshape = \"round\"\nradius_m = 0.001";
         let cell = Cell::with_e_series(surface, |cell| {
             set(cell, "ui.address", format!("127.0.0.1:{}", ports::free()));
         });
-        let served = Served::of(cell, &PROCESSES, &[("long", true, 20)]);
+        let served = Served::of(cell, &PROCESSES, &[("long", true, 20)], 0.08);
         let Some(found) = browsed(&served, "ui_fast.py") else {
             return;
         };

@@ -1,15 +1,12 @@
 //! Common parts of the system tests: the built program, folders, free ports.
 #![allow(dead_code, clippy::unwrap_used)]
 
-use std::collections::VecDeque;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+pub use tangent_live::ports::offset as port_offset;
 
 /// The program under test.
 pub fn tangent() -> Command {
@@ -74,55 +71,6 @@ fn up_with(what: &[&str], folder: &Path) -> Value {
 /// Text on standard error.
 pub fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-/// A port offset at which all ports of a simulated cell are free now, and which no other test
-/// takes before the cell has opened them.
-pub fn port_offset() -> u16 {
-    // Tests run concurrently, here and in other processes: each tries offsets of its own.
-    static TAKEN: AtomicU16 = AtomicU16::new(0);
-    let start = (std::process::id() % 97) as u16;
-    for _ in 0..100 {
-        let turn = TAKEN.fetch_add(1, Ordering::Relaxed);
-        // The robot's ports stay below those that the system gives to outgoing connections, which
-        // would take one between this look and the simulator's start.
-        let offset = 100 + (start + turn) % 70 * 37;
-        let ports = [
-            1337, 7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152,
-        ];
-        let Some(reserved) = reserve(offset) else {
-            continue;
-        };
-        let taken = tangent_live::ports::in_use();
-        if ports.iter().all(|p| !taken.contains(&(p + offset))) {
-            let mut all = RESERVED.lock().unwrap();
-            all.push_back(reserved);
-            while all.len() > RESERVED_MAX {
-                all.pop_front();
-            }
-            return offset;
-        }
-    }
-    panic!("no free ports on loopback");
-}
-
-/// More than the offsets whose cells start at the same time in one process.
-const RESERVED_MAX: usize = 8;
-
-/// Lock files of the offsets that this process took last, the oldest first.
-static RESERVED: Mutex<VecDeque<File>> = Mutex::new(VecDeque::new());
-
-/// Takes the lock file of an offset; `None` if another process, or this one, has it. A cell opens
-/// its ports a moment after its offset was chosen.
-fn reserve(offset: u16) -> Option<File> {
-    let path = std::env::temp_dir().join(format!("tangent-test-ports.{offset}.lock"));
-    let file = File::options()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(path)
-        .unwrap();
-    file.try_lock().ok().map(|()| file)
 }
 
 /// A child process that is killed at the end of the test.

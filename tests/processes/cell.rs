@@ -38,7 +38,7 @@ impl Cell {
         Self::shipped(
             "cell.toml",
             "scenarios/pipe_realistic.toml",
-            nearer,
+            &[nearer],
             beside_others(),
             |cell| {
                 // Most of the processor time of a cell goes into passing records on.
@@ -57,7 +57,7 @@ impl Cell {
         Self::shipped(
             "cell.ur5e.toml",
             scenario,
-            (plane, surface),
+            &[(plane, surface)],
             alone(),
             change,
         )
@@ -67,31 +67,47 @@ impl Cell {
     pub fn with_object() -> Self {
         let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
         let scenario = "scenarios/lippiello/lippiello_realistic.toml";
-        Self::shipped("cell.lippiello.toml", scenario, nearer, alone(), |_| {})
+        Self::shipped("cell.lippiello.toml", scenario, &[nearer], alone(), |_| {})
+    }
+
+    /// A cell with a UR and a depth camera, which looks at a pipe.
+    pub fn with_depth_camera() -> Self {
+        let scenario = "scenarios/pipe_scan.toml";
+        Self::shipped("cell.scan.toml", scenario, &[], alone(), |_| {})
     }
 
     /// A cell with a Franka over a wave, with a depth camera.
     pub fn with_franka() -> Self {
         let nearer = ("clearance_m = 0.04", "clearance_m = 0.02");
+        // Rendering images takes most of the processor time of such a cell.
+        let fewer = ("rate_hz = 30.0", "rate_hz = 10.0");
         let scenario = "scenarios/karacan/karacan_depth.toml";
-        Self::shipped("cell.karacan.toml", scenario, nearer, alone(), |_| {})
+        Self::shipped(
+            "cell.karacan.toml",
+            scenario,
+            &[nearer, fewer],
+            alone(),
+            |_| {},
+        )
     }
 
-    /// A cell from a cell file of `deploy/` and a scenario in which one text is replaced by
-    /// another.
+    /// A cell from a cell file of `deploy/` and a scenario in which each first text is replaced by
+    /// the second.
     fn shipped(
         file: &str,
         scenario: &str,
-        replaced: (&str, &str),
+        replaced: &[(&str, &str)],
         places: Places,
         change: impl FnOnce(&mut toml::Table),
     ) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let port_offset = port_offset();
         let offset = i64::from(port_offset);
-        let scenario = fs::read_to_string(root().join(scenario)).unwrap();
-        assert!(scenario.contains(replaced.0));
-        let scenario = scenario.replace(replaced.0, replaced.1);
+        let mut scenario = fs::read_to_string(root().join(scenario)).unwrap();
+        for (text, other) in replaced {
+            assert!(scenario.contains(text), "{text}");
+            scenario = scenario.replace(text, other);
+        }
         fs::write(folder.path().join("scenario.toml"), scenario).unwrap();
         let shipped = fs::read_to_string(root().join("deploy").join(file)).unwrap();
         let mut cell: toml::Table = shipped.parse().unwrap();
@@ -422,12 +438,18 @@ impl Observer {
 
     /// Starts the task and waits until its tool slides.
     pub fn slide(&self, cell: &Cell, task: &Path) {
-        self.begin(cell, task, "slide", |since_ns| self.slides_now(since_ns));
+        let slides = |since_ns| self.slides_now(since_ns);
+        self.begin(cell, task, "slide", PATIENCE, slides);
     }
 
     /// Starts the task and waits until it is done, having slid.
     pub fn wipe(&self, cell: &Cell, task: &Path) {
-        self.begin(cell, task, "done", |since_ns| {
+        self.wipe_within(PATIENCE, cell, task);
+    }
+
+    /// Starts the task and waits until it is done, having slid, for as long as `patience`.
+    pub fn wipe_within(&self, patience: Duration, cell: &Cell, task: &Path) {
+        self.begin(cell, task, "done", patience, |since_ns| {
             self.has_been("slide", since_ns).is_some()
         });
     }
@@ -435,13 +457,20 @@ impl Observer {
     /// Starts the task and waits until it has reached this phase and `there` holds. If the machine
     /// stalls for some cycles, a task correctly ends with a fault. It is then started again, as an
     /// operator would, a few times.
-    fn begin(&self, cell: &Cell, task: &Path, phase: &str, there: impl Fn(i64) -> bool) {
+    fn begin(
+        &self,
+        cell: &Cell,
+        task: &Path,
+        phase: &str,
+        patience: Duration,
+        there: impl Fn(i64) -> bool,
+    ) {
         const STARTS: usize = 4;
         let mut faults = Vec::new();
         while faults.len() < STARTS {
             cell.start_task(task);
             let started = clock::now_ns();
-            let fault = wait_for(&format!("{phase} of a task"), PATIENCE, || {
+            let fault = wait_for(&format!("{phase} of a task"), patience, || {
                 let arrived = self.has_been(phase, started).is_some() && there(started);
                 let fault = || {
                     self.has_been("fault", started)

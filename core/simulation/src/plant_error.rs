@@ -22,6 +22,11 @@ pub enum PlantError {
     /// A setting of the depth camera is out of its range.
     #[error("plant.{0}")]
     DepthCamera(#[from] crate::sensors::depth_camera::DepthCameraError),
+    /// The simulated depth camera sees a surface that stands in the base.
+    #[error(
+        "plant.depth_camera: leave it out, or leave out plant.base: the simulated camera cannot look from a base that moves"
+    )]
+    CameraOnPlatform,
     /// A setting of the estimator that reads the depth images is out of its range.
     #[error("plant.{0}")]
     DepthNormal(#[from] tangent_estimation::EstimationError),

@@ -19,6 +19,8 @@ pub(crate) struct Touch {
     pad: Pad,
     compliance: Option<Compliance>,
     obstacle: Option<Placed>,
+    /// Force of a person's hand on the tool, base axes, N.
+    hand: Vector3<f64>,
     friction_coefficient: f64,
     /// The pad's motion, with the deflection of the tool.
     pub motion: PadMotion,
@@ -63,6 +65,7 @@ impl Touch {
             pad,
             compliance: tool.compliance.as_ref().map(Compliance::new),
             obstacle: None,
+            hand: Vector3::zeros(),
             friction_coefficient: contact.friction.coulomb_coefficient,
             motion: PadMotion::at_rest(&Pose::identity()),
             contact: PadContact::none(),
@@ -84,6 +87,7 @@ impl Touch {
         if let Some(obstacle) = &self.obstacle {
             obstacle.push(&self.motion.origin, &mut self.contact);
         }
+        self.contact.force += self.hand;
     }
 
     /// Lets the friction vary along the surface.
@@ -101,6 +105,11 @@ impl Touch {
     /// Puts an obstacle in the way of a tool that leaves the surface under it.
     pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
         self.obstacle = Some(Placed::new(obstacle, self.motion.origin, self.normal()));
+    }
+
+    /// Pushes on the tool's origin with a force (base axes, N) from now on.
+    pub fn push_by_hand(&mut self, force: Vector3<f64>) {
+        self.hand = force;
     }
 
     /// True state of the contact at `time_s`.

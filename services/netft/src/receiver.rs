@@ -295,10 +295,6 @@ impl Receiver {
             && connection
                 .newest
                 .is_some_and(|newest| newest.wrench.validity != wrench.validity);
-        if turned_bad {
-            // A status error is published at once, without decimation.
-            connection.published = i64::MIN / 2;
-        }
         connection.newest = Some(Newest {
             sequence,
             record: *record,
@@ -308,6 +304,12 @@ impl Receiver {
             implausible: self.conditioning.implausible(),
             stuck_axes: self.conditioning.stuck_axes(),
         });
+        if turned_bad {
+            // A status error is published at once: without decimation, and before the records that
+            // have come since.
+            connection.published = i64::MIN / 2;
+            self.publish_newest(connection);
+        }
     }
 
     /// Publishes the status, then the wrench, when they are due.

@@ -52,6 +52,15 @@ impl SimulatedCell {
     /// As [`SimulatedCell::start`].
     pub fn start_with(config: &Config, listeners: Listeners) -> Result<Self, CellError> {
         let plant = AdmittancePlant::new(&config.plant, config.seed)?;
+        Self::start_around(plant, config, listeners)
+    }
+
+    /// As [`SimulatedCell::start_with`], around `plant`.
+    pub(crate) fn start_around(
+        plant: AdmittancePlant,
+        config: &Config,
+        listeners: Listeners,
+    ) -> Result<Self, CellError> {
         let (plant_s, controller_s) = (plant.period_s(), config.controller.flavour.period_s());
         if (plant_s - controller_s).abs() > 1e-9 {
             return Err(CellError::Period {

@@ -1,5 +1,5 @@
-//! The UR cell as a service: its ground truth and the odometry of its moving base on the bus, and
-//! faults on request.
+//! The UR cell as a service: its ground truth, the odometry of its moving base and the images of
+//! its depth camera on the bus, and faults on request.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use tangent_runtime::{Bus, BusError, HealthReporter, Stop, clock};
 use tangent_schemas::Covariance;
 use tangent_schemas::standard::{Header, PoseWithCovariance, PoseWithCovarianceStamped};
 use tangent_schemas::tangent::Request;
-use tangent_schemas::topics::{BASE_POSE, TRUTH_CONTACT};
-use tangent_simulated_device::{FAULT_KEY, fault_answer, truth_message};
-use tangent_simulated_ur::{Fault, Listeners, OdometryListener};
-use tangent_simulation::OdometrySample;
+use tangent_schemas::topics::{BASE_POSE, SIMULATED_IMAGE, TRUTH_CONTACT};
+use tangent_simulated_device::{FAULT_KEY, Shutter, ShutterError, fault_answer, truth_message};
+use tangent_simulated_ur::{Fault, FlangeListener, Listeners, OdometryListener};
+use tangent_simulation::{AdmittancePlant, OdometrySample};
 
 use crate::cell::{CellError, SimulatedCell};
 use crate::config::Config;
@@ -25,6 +25,9 @@ pub enum Error {
     /// The bus refused a topic or key.
     #[error("simulator: {0}")]
     Bus(#[from] BusError),
+    /// The depth camera could not start.
+    #[error("simulator: {0}")]
+    Camera(#[from] ShutterError),
     /// The cell's thread died.
     #[error("simulator: the simulated cell stopped by itself; see the log for the reason")]
     Ended,
@@ -43,7 +46,20 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
         Some(_) => Some(bus.publisher(&BASE_POSE)?),
         None => None,
     };
-    let cell = SimulatedCell::start_with(
+    let plant = AdmittancePlant::new(&config.plant, config.seed).map_err(CellError::from)?;
+    let camera = match &config.plant.depth_camera {
+        Some(camera) => Some(Shutter::start(
+            camera,
+            &plant.true_flange_from_tool(),
+            config.seed,
+            plant.surface(),
+            bus.publisher(&SIMULATED_IMAGE)?,
+            config.realtime_priority.is_some(),
+        )?),
+        None => None,
+    };
+    let cell = SimulatedCell::start_around(
+        plant,
         &config,
         Listeners {
             truth: Some(Box::new(move |truth| {
@@ -54,6 +70,9 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), Error> {
                 Box::new(move |sample, age_s| {
                     publisher.publish(&base_pose(sample, age_s));
                 })
+            }),
+            flange: camera.map(|mut camera| -> FlangeListener {
+                Box::new(move |time_s, base_from_flange| camera.look(time_s, base_from_flange))
             }),
             records: None,
         },

@@ -22,7 +22,6 @@
 
 mod bench;
 mod config;
-mod depth_eye;
 mod fault;
 mod plant;
 mod protection;
@@ -34,7 +33,6 @@ mod tactile;
 
 pub use bench::{BenchPlant, Plane, PlantConfig};
 pub use config::FciConfig;
-pub use depth_eye::{DepthEye, Look};
 pub use fault::{BadFault, FciFault};
 pub use plant::{ArmReading, TorquePlant};
 pub use robot::FciRobot;

@@ -1,31 +1,21 @@
 //! The cell of `visuo_tactile` scenarios with the interface of the simulated robot: a Panda, its
 //! pad and the surface under it.
 
-use std::sync::mpsc::SyncSender;
-
 use nalgebra::{Matrix3, Vector6};
 use tangent_mechanics::{Flange, Joints, Payload, Pose, Tool};
-use tangent_runtime::clock::now_ns;
+use tangent_simulated_device::Shutter;
 use tangent_simulation::{
-    NormalSource, PlantError, Surface, ToolConfig, Truth, VisuoTactilePlant,
+    NormalSource, PlantError, Surface, ToolConfig, True, Truth, VisuoTactilePlant,
     VisuoTactilePlantConfig,
 };
 
-use crate::depth_eye::Look;
 use crate::plant::{ArmReading, TorquePlant};
 
 /// The plant of a `visuo_tactile` scenario as the simulated robot's arm.
 pub struct TactileArm {
     plant: VisuoTactilePlant,
     declared_load: Payload,
-    eye: Option<Eye>,
-}
-
-/// Destination and rate of the camera's exposures.
-struct Eye {
-    looks: SyncSender<Look>,
-    rate_hz: f64,
-    taken: u64,
+    camera: Option<Shutter>,
 }
 
 impl TactileArm {
@@ -48,7 +38,7 @@ impl TactileArm {
         Ok(Self {
             plant: VisuoTactilePlant::<7>::new(&config, seed)?,
             declared_load,
-            eye: None,
+            camera: None,
         })
     }
 
@@ -57,31 +47,14 @@ impl TactileArm {
         self.plant.surface()
     }
 
-    /// From now on exposes the camera `rate_hz` times a second.
-    pub fn watched_by(&mut self, looks: SyncSender<Look>, rate_hz: f64) {
-        self.eye = Some(Eye {
-            looks,
-            rate_hz,
-            taken: 0,
-        });
+    /// True pose of the tool on the flange, for the camera that sees it.
+    pub fn true_flange_from_tool(&self) -> True<Pose<Flange, Tool>> {
+        self.plant.true_flange_from_tool()
     }
 
-    /// Exposes the camera if an exposure is due.
-    fn look(&mut self) {
-        let Some(eye) = &mut self.eye else {
-            return;
-        };
-        let time_s = self.plant.time_s();
-        if eye.rate_hz <= 0.0 || time_s + 1e-9 < eye.taken as f64 / eye.rate_hz {
-            return;
-        }
-        eye.taken = (time_s * eye.rate_hz + 1e-6).floor() as u64 + 1;
-        // If the renderer is behind, the exposure is left out, as with a real camera.
-        let _ = eye.looks.try_send(Look {
-            time_s,
-            stamp_ns: now_ns(),
-            base_from_flange: *self.plant.true_base_from_flange().to_compare(),
-        });
+    /// From now on exposes this camera.
+    pub fn watched_by(&mut self, camera: Shutter) {
+        self.camera = Some(camera);
     }
 }
 
@@ -103,7 +76,9 @@ fn declared_load(tool: &ToolConfig) -> Payload {
 impl TorquePlant for TactileArm {
     fn step(&mut self, torque: &Joints<7>) {
         self.plant.step(torque);
-        self.look();
+        if let Some(camera) = &mut self.camera {
+            camera.look(self.plant.time_s(), &self.plant.true_base_from_flange());
+        }
     }
 
     fn reading(&self) -> ArmReading {

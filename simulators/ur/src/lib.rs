@@ -48,5 +48,6 @@ pub use config::{ControllerConfig, Flavour};
 pub use fault::Fault;
 pub use own_sensor::{OwnReading, OwnSensor, OwnSensorConfig};
 pub use simulated_ur::{
-    Endpoints, Listeners, OdometryListener, Place, SimulatedUr, Snapshot, StartError, TruthListener,
+    Endpoints, FlangeListener, Listeners, OdometryListener, Place, SimulatedUr, Snapshot,
+    StartError, TruthListener,
 };

@@ -1,9 +1,9 @@
 //! The arm that the controller moves: the simulated cell, or a bare arm for tests of the protocols.
 
-use tangent_mechanics::{Arm, Joints, ModelData, ModelError};
+use tangent_mechanics::{Arm, Base, Flange, Joints, ModelData, ModelError, Pose};
 use tangent_simulation::{
     AdmittancePlant, ArmMeasurement, FlangeLoad, OdometrySample, SensorSample, Servo, ServoConfig,
-    Truth, VelocityCommand,
+    True, Truth, VelocityCommand,
 };
 
 /// An arm behind the controller, one control period per step.
@@ -23,6 +23,10 @@ pub trait ArmPlant: Send {
     /// Odometry of the platform under the arm in the last period.
     fn odometry(&self) -> &[OdometrySample] {
         &[]
+    }
+    /// True pose of the flange, if a camera on it has something to see.
+    fn true_base_from_flange(&self) -> Option<True<Pose<Base, Flange>>> {
+        None
     }
 }
 
@@ -49,6 +53,10 @@ impl ArmPlant for AdmittancePlant {
 
     fn odometry(&self) -> &[OdometrySample] {
         AdmittancePlant::odometry(self)
+    }
+
+    fn true_base_from_flange(&self) -> Option<True<Pose<Base, Flange>>> {
+        Some(AdmittancePlant::true_base_from_flange(self))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Ports on loopback that no other test of this machine takes.
 
-use std::collections::HashSet;
+use std::collections::{HashSet, VecDeque};
 use std::fs::{self, File};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU16, Ordering};
@@ -27,19 +27,66 @@ pub fn free() -> u16 {
         if in_use.contains(&port) {
             continue;
         }
-        let path = std::env::temp_dir().join(format!("tangent-test-port.{port}.lock"));
-        let file = File::options()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(path)
-            .expect("the folder for temporary files can be written");
-        if file.try_lock().is_ok() {
+        if let Some(file) = reserve("port", port) {
             TAKEN.lock().expect("nothing panics with it").push(file);
             return port;
         }
     }
     panic!("no free port on loopback");
+}
+
+/// Ports of a simulated cell without an offset.
+const OF_A_CELL: [u16; 9] = [
+    1337, 7447, 8080, 29_999, 30_001, 30_002, 30_003, 30_004, 49_152,
+];
+
+/// More than the offsets whose cells start at the same time in one process.
+const OFFSETS_MAX: usize = 8;
+
+/// Lock files of the offsets that this process took last, the oldest first.
+static OFFSETS: Mutex<VecDeque<File>> = Mutex::new(VecDeque::new());
+
+/// An offset at which all ports of a simulated cell are free now, and which no other test takes
+/// before the cell has opened them.
+///
+/// # Panics
+/// If no offset is free, or the folder for temporary files cannot be written.
+pub fn offset() -> u16 {
+    // Tests run concurrently, here and in other processes: each tries offsets of its own.
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let start = (std::process::id() % 97) as u16;
+    for _ in 0..100 {
+        let turn = NEXT.fetch_add(1, Ordering::Relaxed);
+        // The robot's ports stay below those that the system gives to outgoing connections, which
+        // would take one between this look and the simulator's start.
+        let offset = 100 + (start + turn) % 70 * 37;
+        let Some(reserved) = reserve("ports", offset) else {
+            continue;
+        };
+        let in_use = in_use();
+        if OF_A_CELL.iter().all(|p| !in_use.contains(&(p + offset))) {
+            let mut all = OFFSETS.lock().expect("nothing panics with it");
+            all.push_back(reserved);
+            while all.len() > OFFSETS_MAX {
+                all.pop_front();
+            }
+            return offset;
+        }
+    }
+    panic!("no free ports on loopback");
+}
+
+/// Takes the lock file of a port or an offset; `None` if another process, or this one, has it. A
+/// cell opens its ports a moment after its offset was chosen.
+fn reserve(what: &str, number: u16) -> Option<File> {
+    let path = std::env::temp_dir().join(format!("tangent-test-{what}.{number}.lock"));
+    let file = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(path)
+        .expect("the folder for temporary files can be written");
+    file.try_lock().ok().map(|()| file)
 }
 
 /// Ports of this host that have a socket. Binding a port as a trial would occupy it: a child
@@ -68,6 +115,12 @@ mod tests {
     fn a_port_is_returned_once() {
         let ports: HashSet<u16> = (0..20).map(|_| free()).collect();
         assert_eq!(ports.len(), 20);
+    }
+
+    #[test]
+    fn an_offset_is_returned_once_while_its_cell_starts() {
+        let offsets: HashSet<u16> = (0..OFFSETS_MAX).map(|_| offset()).collect();
+        assert_eq!(offsets.len(), OFFSETS_MAX);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 
 use tangent_runtime::{Bus, CellConfig, Stop};
 use tangent_schemas::topics::SIMULATED_IMAGE;
-use tangent_simulated_device::Ports;
-use tangent_simulated_franka::{DepthEye, FciConfig, Plane, PlantConfig, TactileArm, TorquePlant};
+use tangent_simulated_device::{Ports, Shutter};
+use tangent_simulated_franka::{FciConfig, Plane, PlantConfig, TactileArm};
 use tangent_simulated_ur::{ControllerConfig, Flavour};
 use tangent_simulation::{AdmittanceScenario, NormalSource, ObjectScenario, VisuoTactileScenario};
 
@@ -128,21 +128,16 @@ pub fn franka(
         TactileArm::new(&scenario.plant, delay_periods, seed).map_err(ComposeError::refused)?;
     if scenario.plant.normals_from == NormalSource::Depth {
         let camera = &scenario.plant.depth_camera;
-        let eye = DepthEye::new(
+        let shutter = Shutter::start(
             camera,
-            &plant.flange_from_tool(),
+            &plant.true_flange_from_tool(),
             seed,
-            plant.surface().clone(),
+            plant.surface(),
             bus.publisher(&SIMULATED_IMAGE)?,
-        );
-        let looks = eye
-            .map_err(ComposeError::refused)?
-            .start(config.realtime.enabled)
-            .map_err(|source| ComposeError::Thread {
-                what: "the simulated depth camera",
-                source,
-            })?;
-        plant.watched_by(looks, camera.rate_hz);
+            config.realtime.enabled,
+        )
+        .map_err(ComposeError::refused)?;
+        plant.watched_by(shutter);
     }
     Running::start("simulator", process_stop, move |stop| {
         Ok(tangent_simulator::run_franka_with(

@@ -145,6 +145,13 @@ impl Evidence {
             .cloned()
     }
 
+    /// Whether a task ran in the controller's last state before `at_ns`.
+    pub fn has_task_at(&self, at_ns: i64) -> bool {
+        let controls = lock(&self.controls);
+        let before = controls.iter().rev().find(|(at, _)| *at < at_ns);
+        before.is_some_and(|(_, control)| control.phase.is_active())
+    }
+
     /// The bridge's last state, if it is not older than `since_ns`.
     pub fn arm(&self, since_ns: i64) -> Option<Arm> {
         last_since(&self.arms, since_ns)

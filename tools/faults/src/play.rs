@@ -7,13 +7,15 @@ use tangent_compose::with_causes;
 use tangent_runtime::clock;
 
 use crate::catalogue::{Case, Outcome};
-use crate::error::{Context, Result};
+use crate::error::{Context, FaultsError, Result, bail};
 use crate::evidence::Control;
 use crate::row::{Again, Row, without_figures};
 use crate::stage::Stage;
 
 /// Time for which the task after a fault slides.
 const AGAIN: Duration = Duration::from_secs(3);
+/// Number of times that a fault is provoked if the task had ended before it.
+const TRIES: usize = 3;
 const MS: f64 = 1e-6;
 
 /// Provokes one fault while the tool slides.
@@ -22,13 +24,13 @@ const MS: f64 = 1e-6;
 /// The cell does not slide before the fault, or does not recover after it.
 pub fn play(stage: &mut Stage, case: &Case, allow_ms: f64) -> Result<Row> {
     let begun_ns = clock::now_ns();
-    stage.cell.slide()?;
-    let mut from_ns = clock::now_ns();
-    if let Err(error) = (case.provoke)(stage) {
-        let remark = format!("skipped: {}", with_causes(&error));
-        return Ok(without_figures(case, true, &remark));
-    }
-    from_ns = stage.began_ns().unwrap_or(from_ns);
+    let from_ns = match provoke(stage, case)? {
+        Ok(from_ns) => from_ns,
+        Err(reason) => {
+            let remark = format!("skipped: {}", with_causes(&reason));
+            return Ok(without_figures(case, true, &remark));
+        }
+    };
     stage.watch(Duration::from_secs_f64(case.watch_s));
     let watched_ns = clock::now_ns();
     (case.repair)(stage)?;
@@ -82,6 +84,29 @@ pub fn play(stage: &mut Stage, case: &Case, allow_ms: f64) -> Result<Row> {
         row.ended_ns = clock::now_ns();
     }
     Ok(row)
+}
+
+/// Provokes the fault while the tool slides. Returns the time at which it began, ns since the Unix
+/// epoch, or the reason why it cannot be provoked here.
+///
+/// A busy machine may end the task in the moment before the fault, so that nothing is left for the
+/// fault to end: it is then repaired, and provoked in another task.
+fn provoke(stage: &mut Stage, case: &Case) -> Result<std::result::Result<i64, FaultsError>> {
+    for _ in 0..TRIES {
+        stage.cell.slide()?;
+        let asked_ns = clock::now_ns();
+        if let Err(reason) = (case.provoke)(stage) {
+            return Ok(Err(reason));
+        }
+        let from_ns = stage.began_ns().unwrap_or(asked_ns);
+        if stage.cell.evidence.has_task_at(from_ns) {
+            return Ok(Ok(from_ns));
+        }
+        eprintln!("{}: the task had ended before the fault", case.name);
+        (case.repair)(stage)?;
+        stage.cell.wait_for_all(clock::now_ns())?;
+    }
+    bail!("the task ended before the fault, {TRIES} times")
 }
 
 /// Checks that all services have recovered: another task slides and is stopped.

@@ -4,6 +4,7 @@ use serde::Serialize;
 use tangent_control::{Tolerances, Verdict};
 use tangent_simulation::metrics::Figures;
 
+use crate::events::Events;
 use crate::run::Run;
 use crate::task_run::TaskRun;
 
@@ -149,16 +150,17 @@ pub(crate) fn judge(tolerances: &Tolerances, figures: &Figures) -> Vec<Judged> {
         .collect()
 }
 
-/// Whether the part is accepted: the whole path was followed, and every tolerance is kept. `None`
-/// if the task has no tolerances.
-pub(crate) fn accepted(judged: &[Judged], verdict: Option<Verdict>) -> Option<bool> {
-    let kept = judged.iter().all(|one| one.met) && verdict == Some(Verdict::Completed);
-    (!judged.is_empty()).then_some(kept)
+/// Whether the part is accepted: the whole path was followed, nothing of it passed over, and every
+/// tolerance is kept. `None` if the task has no tolerances.
+pub(crate) fn accepted(judged: &[Judged], events: &Events) -> Option<bool> {
+    let followed = events.verdict == Some(Verdict::Completed) && events.passed_over.is_none();
+    (!judged.is_empty()).then(|| followed && judged.iter().all(|one| one.met))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::events::PassedOver;
 
     #[test]
     fn a_limit_is_kept_up_to_itself_and_what_was_not_measured_is_not_kept() {
@@ -184,9 +186,25 @@ mod tests {
         assert_eq!(judged[0].figures(), "0.500 N, at most 0.500 N");
         assert_eq!(judged[1].figures(), "not measured, at most 2.00 mm");
         assert_eq!(judged[2].figures(), "98.00 %, at least 99.00 %");
-        assert_eq!(accepted(&judged, Some(Verdict::Completed)), Some(false));
-        assert_eq!(accepted(&judged[..1], Some(Verdict::Completed)), Some(true));
-        assert_eq!(accepted(&judged[..1], Some(Verdict::Stopped)), Some(false));
-        assert_eq!(accepted(&[], Some(Verdict::Completed)), None);
+        let ended = |verdict| Events {
+            verdict: Some(verdict),
+            ..Events::default()
+        };
+        let completed = ended(Verdict::Completed);
+        assert_eq!(accepted(&judged, &completed), Some(false));
+        assert_eq!(accepted(&judged[..1], &completed), Some(true));
+        assert_eq!(
+            accepted(&judged[..1], &ended(Verdict::Stopped)),
+            Some(false)
+        );
+        assert_eq!(accepted(&[], &completed), None);
+        let passed_over = Events {
+            passed_over: Some(PassedOver {
+                times: 1,
+                path_share: None,
+            }),
+            ..completed
+        };
+        assert_eq!(accepted(&judged[..1], &passed_over), Some(false));
     }
 }

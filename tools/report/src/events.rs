@@ -28,11 +28,54 @@ pub struct Events {
     pub seeks: Vec<Period>,
     /// Times in which the arm stood still while the sensor's zero was measured.
     pub tares: Vec<Period>,
+    /// What the tool passed over, because something stood in the way; null where it followed the
+    /// whole path.
+    pub passed_over: Option<PassedOver>,
+}
+
+/// Parts of the path that the tool passed over.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PassedOver {
+    /// Number of times that it did.
+    pub times: usize,
+    /// Share of the path's time, 0 to 1; null on a path with lifts of its own.
+    pub path_share: Option<f64>,
+}
+
+impl PassedOver {
+    /// Lifts on a path that has this many of its own.
+    fn of(task: &TaskRun<'_>, planned: usize) -> Option<Self> {
+        let lifts = periods(task, is_lift).len();
+        // The path goes on in the last cycle of a lift, or the first one after it.
+        let share = task
+            .cycles
+            .windows(2)
+            .filter(|pair| is_lift(&pair[0]))
+            .map(|pair| pair[1].control.path_progress - pair[0].control.path_progress)
+            .fold(0.0, |share, step| share + step.max(0.0));
+        (lifts > planned).then(|| Self {
+            times: lifts - planned,
+            path_share: (planned == 0).then_some(share),
+        })
+    }
+
+    /// In words: `the tool passed over something in the way twice, 5 % of the path`.
+    fn words(&self) -> String {
+        let times = match self.times {
+            1 => "once".to_owned(),
+            2 => "twice".to_owned(),
+            n => format!("{n} times"),
+        };
+        let share = self.path_share.map_or_else(String::new, |share| {
+            format!(", {:.0} % of the path", 100.0 * share)
+        });
+        format!("the tool passed over something in the way {times}{share}")
+    }
 }
 
 impl Events {
-    /// Events of the last task of a recording.
-    pub fn of(task: &TaskRun<'_>) -> Self {
+    /// Events of the last task of a recording, whose path has `lifts` of its own, if that is known.
+    pub(crate) fn of(task: &TaskRun<'_>, lifts: Option<usize>) -> Self {
         let Some(last) = task.cycles.last() else {
             return Self::default();
         };
@@ -40,7 +83,7 @@ impl Events {
         let mut lands = false;
         let mut seeks = |cycle: &Cycle<'_>| {
             let phase = cycle.sample.phase;
-            lands = phase == Phase::Lift || lands && phase == Phase::Seek;
+            lands = is_lift(cycle) || lands && phase == Phase::Seek;
             phase == Phase::Seek && !lands
         };
         // A controller that holds the arm after the end reports no progress any more.
@@ -55,6 +98,7 @@ impl Events {
             pauses: periods(task, |cycle| cycle.control.paused),
             seeks: periods(task, &mut seeks),
             tares: periods(task, |cycle| cycle.sample.phase == Phase::Tare),
+            passed_over: lifts.and_then(|lifts| PassedOver::of(task, lifts)),
         }
     }
 
@@ -63,7 +107,10 @@ impl Events {
         let percent = 100.0 * self.progress.unwrap_or_default();
         match self.verdict {
             None => "no task".to_owned(),
-            Some(Verdict::Completed) => "completed: the whole path was followed".to_owned(),
+            Some(Verdict::Completed) => self.passed_over.map_or_else(
+                || "completed: the whole path was followed".to_owned(),
+                |over| format!("completed, but {}", over.words()),
+            ),
             Some(Verdict::Stopped) => {
                 format!("NOT COMPLETED: stopped at {percent:.0} % of the path")
             }
@@ -89,6 +136,10 @@ impl Events {
         .map(|(name, periods)| (name, times(periods)))
         .collect()
     }
+}
+
+fn is_lift(cycle: &Cycle<'_>) -> bool {
+    cycle.sample.phase == Phase::Lift
 }
 
 /// Periods of consecutive cycles for which `holds`.

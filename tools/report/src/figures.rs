@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use tangent_control::CoverageResult;
+use tangent_control::{CoverageResult, Path, PathSpec};
 use tangent_schemas::tangent::ControlState;
 use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
@@ -51,7 +51,7 @@ pub struct Report {
     pub r#loop: LoopFigures,
     /// Phase at the end of the task. A task that is stopped ends in `done` as well: see `verdict`.
     pub phase: Option<&'static str>,
-    /// Verdict, progress, pauses, seeks and tares.
+    /// Verdict, progress, interruptions, and what was passed over.
     #[serde(flatten)]
     pub events: Events,
     /// Last fault of the task.
@@ -152,7 +152,7 @@ impl Report {
         figures.joints.manipulability_min = manipulability.filter(|m| m.is_finite());
         let last = task.cycles.last();
         let estimators = comparison::estimators(run, task);
-        let events = Events::of(task);
+        let events = Events::of(task, lifts(run, task));
         let tolerances = acceptance::judge(&acceptance::tolerances(run, task), &figures);
         Self {
             scenario: text_fact(run, "scenario", "name"),
@@ -171,7 +171,7 @@ impl Report {
             coverage: coverage::result(run, task),
             r#loop: loop_figures(run),
             phase: last.map(|c| c.sample.phase.name()),
-            accepted: acceptance::accepted(&tolerances, events.verdict),
+            accepted: acceptance::accepted(&tolerances, &events),
             tolerances,
             task: run.kept.or(run.tasks.last().map(|task| task.number)),
             tasks: run.tasks.clone(),
@@ -204,6 +204,18 @@ impl Report {
             || self.r#loop.messages_dropped.is_some_and(|n| n > 0)
             || self.r#loop.wrench_records_lost.is_some_and(|n| n > 0)
     }
+}
+
+/// Number of lifts that the path of the task's file asks for; `None` without a file, or where the
+/// rounds of a coverage add more.
+fn lifts(run: &Run, task: &TaskRun<'_>) -> Option<usize> {
+    let file = task.file(run)?;
+    if file.contains_key("coverage") {
+        return None;
+    }
+    let spec: PathSpec = file.get("path")?.clone().try_into().ok()?;
+    // The bounds do not change the number of strokes.
+    Path::new(&spec, 0.1, 1.0).ok().map(|path| path.lifts())
 }
 
 /// The fact given to the recorder, else the value under `key` in the scenario that the recording

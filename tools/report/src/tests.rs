@@ -140,6 +140,18 @@ fn a_cut_recording_gives_what_is_whole_and_says_that_something_is_missing() {
     assert!(found.page.unwrap().contains("has no end"));
 }
 
+/// Records the whole run of a scenario, and returns the activation of its task.
+fn record_all(tape: &mut Tape, scenario: &AdmittanceScenario) -> u64 {
+    let (mut number, mut activation) = (0, 0);
+    evaluate_admittance_with(scenario, |cycle| {
+        number += 1;
+        activation = cycle.output.activation;
+        tape.cycle(1000 + number, 0.008, cycle);
+    })
+    .unwrap();
+    activation
+}
+
 /// Two tasks in one recording, the second with 5 N and after a restart of the bridge, which counts
 /// its cycles anew.
 fn record_two(path: &Path) {
@@ -155,13 +167,7 @@ fn record_two(path: &Path) {
             &tangent_simulation::no_files,
         )
         .unwrap();
-        let (mut number, mut activation) = (0, 0);
-        evaluate_admittance_with(&scenario, |cycle| {
-            number += 1;
-            activation = cycle.output.activation + second;
-            tape.cycle(1000 + number, 0.008, cycle);
-        })
-        .unwrap();
+        let activation = record_all(&mut tape, &scenario) + second;
         let task = format!(
             "name = \"wipe\"\ntolerances.force_rmse_n = 0.3\ntolerances.force_peak_n = {peak}"
         );
@@ -254,6 +260,39 @@ fn each_task_of_a_recording_is_judged_by_its_own_tolerances() {
     }
     let page = page.unwrap();
     assert!(page.matches("<svg").count() >= 3 && page.contains("tolerances.force_peak_n"));
+}
+
+#[test]
+fn a_part_of_the_path_that_was_passed_over_is_told_and_not_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = [folder.path().join("ledge.mcap")];
+    let mut tape = Tape::create(&path[0]);
+    // A flat pad cannot climb this ledge.
+    let ledge = "plant.surface={shape=\"step\", height_m=0.006, edge_radius_m=0.0005, position_m=[0.43, 0.0, 0.1]}";
+    let line = "kind=\"line\", to_m=[0.1, 0.0], speed_m_per_s=0.02";
+    let scenario = AdmittanceScenario::parse(
+        "plane",
+        include_str!("../../../scenarios/plane.toml"),
+        &[ledge.to_owned(), format!("task.path={{{line}}}")],
+        &tangent_simulation::no_files,
+    )
+    .unwrap();
+    let activation = record_all(&mut tape, &scenario);
+    let task = format!("name = \"ledge\"\ntolerances.force_peak_n = 50.0\npath = {{{line}}}");
+    let name = format!("task-{activation}.toml");
+    tape.writer.attach(&name, &task, 1).unwrap();
+    tape.writer.finish().unwrap();
+
+    let report = read(&path, Part::default(), false).unwrap().report;
+    let ours = serde_json::to_value(&report).unwrap();
+    assert_eq!(ours["verdict"], "completed");
+    assert_eq!(ours["passed_over"]["times"], 1);
+    let share = ours["passed_over"]["path_share"].as_f64().unwrap();
+    assert!((0.2..0.5).contains(&share), "{share}");
+    assert_eq!(ours["accepted"], false);
+    let words = crate::words(&report);
+    let told = "completed, but the tool passed over something in the way once, ";
+    assert!(words.contains(told), "{words}");
 }
 
 fn with_causes(error: &dyn std::error::Error) -> String {

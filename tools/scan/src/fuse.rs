@@ -177,10 +177,10 @@ impl Fuse {
         let frames = self.frames.all();
         let per_frame = POINTS_MAX / frames.len().clamp(1, FRAMES_MAX);
         let mut points = Vec::new();
-        for frame in frames {
+        for (number, frame) in frames.iter().enumerate() {
             let left_out = self.left_out(&frame.image, &frame.intrinsics);
             // An image that is kept has been read before.
-            let seen = points_of(&frame.image, &frame.intrinsics, left_out, per_frame);
+            let seen = points_of(&frame.image, &frame.intrinsics, left_out, per_frame, number);
             let seen = seen.unwrap_or_default();
             points.extend(
                 seen.iter()
@@ -241,7 +241,7 @@ impl Fuse {
             return;
         }
         let intrinsics = known.intrinsics;
-        let seen = match points_of(&image, &intrinsics, &known.left_out, AREA_POINTS) {
+        let seen = match points_of(&image, &intrinsics, &known.left_out, AREA_POINTS, 0) {
             Ok(seen) => seen,
             Err(error) => return self.tally.refuse(format!("camera/depth: {error}")),
         };

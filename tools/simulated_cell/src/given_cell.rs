@@ -131,10 +131,13 @@ fn camera(
     };
     let before = cell.clone();
     match played {
-        Scenario::Admittance(_) => {
-            cell.remove("camera");
-            unused.push("[camera] (this scenario has none)".to_owned());
-            return Ok(());
+        Scenario::Admittance(scenario) => {
+            let Some(camera) = &scenario.plant.depth_camera else {
+                cell.remove("camera");
+                unused.push("[camera] (this scenario has none)".to_owned());
+                return Ok(());
+            };
+            scenario_cell::camera_with_depth(cell, camera)?;
         }
         Scenario::ObjectPose(scenario) => scenario_cell::target_camera(cell, scenario)?,
         Scenario::VisuoTactile(scenario) => scenario_cell::depth_camera(cell, scenario)?,

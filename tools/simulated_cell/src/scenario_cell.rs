@@ -4,6 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use serde::Serialize;
 use tangent_mechanics::{Arm, ModelData};
 use tangent_runtime::CellConfig;
+use tangent_simulation::depth_camera::DepthCameraConfig;
 use tangent_simulation::{
     AdmittanceScenario, NormalSource, ObjectScenario, Scenario, VisuoTactileScenario,
 };
@@ -49,6 +50,9 @@ fn of_admittance(cell: &mut Table, base: &CellConfig, scenario: &AdmittanceScena
         scenario.sensing.filter_cutoff_hz,
     )?;
     set(cell, "base", scenario.base)?;
+    if let Some(camera) = &scenario.plant.depth_camera {
+        camera_with_depth(cell, camera)?;
+    }
     set(cell, "controller.preset", &scenario.controller)?;
     set(cell, "controller.settings", &scenario.control)?;
     let mut run = base.estimators.run.clone();
@@ -206,7 +210,18 @@ pub fn target_camera(cell: &mut Table, scenario: &ObjectScenario) -> Result<()> 
 
 /// The depth camera and what the estimator that reads it has to know.
 pub fn depth_camera(cell: &mut Table, scenario: &VisuoTactileScenario) -> Result<()> {
-    let camera = &scenario.plant.depth_camera;
+    camera_with_depth(cell, &scenario.plant.depth_camera)?;
+    set(cell, &depth_key("fit"), scenario.plant.depth_normal)
+}
+
+/// Key of a setting for what reads the depth images.
+fn depth_key(rest: &str) -> String {
+    let name = tangent_estimation::depth_normal::DEPTH_NORMAL;
+    format!("estimators.settings.{name}.{rest}")
+}
+
+/// The `[camera]` section of a depth camera, and the tool in its view.
+pub fn camera_with_depth(cell: &mut Table, camera: &DepthCameraConfig) -> Result<()> {
     let intrinsics = camera.intrinsics();
     let mut own = Table::new();
     let topic = tangent_schemas::topics::SIMULATED_IMAGE.key();
@@ -223,12 +238,10 @@ pub fn depth_camera(cell: &mut Table, scenario: &VisuoTactileScenario) -> Result
     set(&mut own, "pass_on_hz", 2.0)?;
     mounting(&mut own, "flange_from_camera", &camera.flange_from_camera)?;
     set(cell, "camera", own)?;
-    let name = tangent_estimation::depth_normal::DEPTH_NORMAL;
-    let key = |rest: &str| format!("estimators.settings.{name}.{rest}");
-    set(cell, &key("fit"), scenario.plant.depth_normal)?;
     if let Some(tool) = &camera.tool {
-        set(cell, &key("tool.radius_m"), tool.radius_m + TOOL_MARGIN_M)?;
-        set(cell, &key("tool.length_m"), tool.length_m)?;
+        let radius_m = tool.radius_m + TOOL_MARGIN_M;
+        set(cell, &depth_key("tool.radius_m"), radius_m)?;
+        set(cell, &depth_key("tool.length_m"), tool.length_m)?;
     }
     Ok(())
 }

@@ -38,6 +38,10 @@ pub const BUILTIN: &[(&str, &str)] = &[
         "pipe_realistic",
         include_str!("../../../scenarios/pipe_realistic.toml"),
     ),
+    (
+        "pipe_scan",
+        include_str!("../../../scenarios/pipe_scan.toml"),
+    ),
     ("plane", include_str!("../../../scenarios/plane.toml")),
     ("sheet", include_str!("../../../scenarios/sheet.toml")),
     ("sphere", include_str!("../../../scenarios/sphere.toml")),

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use tangent_compose::{RecorderExtra, Running, service};
-use tangent_live::timed;
+use tangent_live::{ports, timed};
 use tangent_runtime::{Bus, CellConfig, Latest, Stop};
 use tangent_schemas::tangent::{ArmState, ContactTruth, ControlState, Request, WrenchStatus};
 use tangent_schemas::topics::{self, queries};
@@ -39,7 +39,7 @@ impl Cell {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/cell.ur5e.toml");
         let shipped = CellConfig::load(&file).unwrap();
         let mut played = scenarios::load("plane", &[]).unwrap();
-        let given = run_cell_file(&shipped, &file, &mut played, 4100).unwrap();
+        let given = run_cell_file(&shipped, &file, &mut played, ports::offset()).unwrap();
         assert_eq!(given.config.robot.model, "ur5e");
         let config = given
             .config
@@ -89,13 +89,16 @@ impl Cell {
             }
             pause.wait(Duration::from_millis(2));
         }
-        panic!("{what} never came: {:?}", self.control.get());
+        let ended = self.end();
+        panic!("{what} never came: {:?}, {ended:?}", self.control.get());
     }
 
-    fn end(self) {
-        for service in self.services {
-            service.end().unwrap();
-        }
+    /// Ends every service; returns the errors of those that failed.
+    fn end(&mut self) -> Vec<String> {
+        let ended = self.services.drain(..).map(Running::end);
+        ended
+            .filter_map(|end| end.err().map(|e| format!("{e:#}")))
+            .collect()
     }
 }
 
@@ -138,7 +141,7 @@ fn wipe(reading: &str) -> (f64, f64) {
     // The tare of the task set a zero on this sensor.
     let last = status.get().unwrap().message.clone();
     assert!(last.bias_age_s >= 0.0, "{last:?}");
-    cell.end();
+    assert!(cell.end().is_empty());
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     eprintln!("{reading}: {} values while sliding", felt.len());
     (mean(&felt), mean(&true_force))

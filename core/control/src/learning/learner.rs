@@ -14,6 +14,8 @@ use crate::limits::clamp_norm;
 const SHIFT_MAX_M: f64 = 0.006;
 /// Time in which the feedforward is ramped in after the tool begins to slide, s.
 const RAMP_S: f64 = 0.3;
+/// Distance to either side over which the rotation of the learnt normal is taken, m.
+const TURN_OVER_M: f64 = 0.004;
 /// Largest rotation rate of the learnt normal that is fed forward, rad/s.
 const TURN_RATE_MAX_RAD_PER_S: f64 = 0.5;
 /// Distance before and after a lost contact from which nothing is learnt, m.
@@ -32,6 +34,8 @@ pub struct PassSample {
     pub position: Vector3<f64>,
     /// Normal in use, base axes.
     pub normal: Vector3<f64>,
+    /// Normal from this pass's estimates alone, base axes.
+    pub estimated: Vector3<f64>,
     /// Commanded velocity in the tangent plane, base axes, m/s.
     pub along: Vector3<f64>,
     /// Measured force minus its reference, N; `None` without a usable wrench.
@@ -54,6 +58,7 @@ impl PassSample {
         let vectors = [
             (&self.position, 100.0),
             (&self.normal, 2.0),
+            (&self.estimated, 2.0),
             (&self.along, 10.0),
         ];
         (vectors.iter()).all(|(v, limit)| v.iter().all(|x| within(*x, *limit)))
@@ -71,10 +76,12 @@ impl PassSample {
 pub struct Feedforward {
     /// Along the normal in use, out of the material, m/s.
     pub speed_m_per_s: f64,
+    /// Learnt normal under the tool, unit, out of the material, base axes.
+    pub normal: Vector3<f64>,
     /// Rotation of the surface under the tool, base axes, rad/s.
     pub turn_rate: Vector3<f64>,
-    /// Weight of the memory, 0 to 1: `turn_rate` replaces that share of the law's own.
-    pub weight: f64,
+    /// Weight of both, 0 to 1: they replace that share of what the law has from estimates.
+    pub turn_weight: f64,
 }
 
 /// One pass with a memory.
@@ -145,7 +152,7 @@ impl Learner {
         let clock = Some((sample.stroke, sample.distance_m));
         if std::mem::replace(&mut self.clock_at, clock) == clock {
             self.command_at = None;
-            return None;
+            return self.standing(sample);
         }
         if sample.stroke != self.stroke {
             self.stroke = sample.stroke;
@@ -162,29 +169,46 @@ impl Learner {
             .and_then(|place_m| self.memory.at(sample.stroke, place_m));
         if let Some(now) = now {
             let point = sample.position + sample.normal * lift_m.unwrap_or(0.0);
-            self.trust.step(&point, &sample.normal, &now.tangent);
+            self.trust.step(&point, &sample.estimated, &now.tangent);
         }
         let ahead = place_m.filter(|_| known.is_some()).and_then(|place_m| {
             let speed = now.map_or(0.0, |now| sample.along.dot(&now.tangent));
-            self.ahead(sample, place_m + speed * sample.lead_s)
+            self.ahead(sample, place_m, speed)
         });
         // A part in another place is recorded where the path's clock is.
         let recorded_m = place_m.unwrap_or(sample.distance_m);
         let takes_effect_m = recorded_m + sample.along.norm() * sample.lead_s;
         self.command_at = Some((sample.stroke, takes_effect_m));
         self.distance_m = recorded_m;
-        self.pass
-            .place(sample.stroke, recorded_m, &sample.position, &sample.normal);
+        self.pass.place(
+            sample.stroke,
+            recorded_m,
+            &sample.position,
+            &sample.estimated,
+        );
         if let (Some(error_n), Some(lift_m)) = (sample.error_n, lift_m) {
             let felt_m = recorded_m - sample.along.norm() * sample.force_age_s;
-            let weight = ahead.map_or(0.0, |ahead| ahead.weight);
+            let weight = ahead.map_or(0.0, |ahead| ahead.turn_weight);
             self.pass
                 .felt(sample.stroke, felt_m, error_n, lift_m, weight);
         }
         ahead
     }
 
-    fn ahead(&self, sample: &PassSample, place_m: f64) -> Option<Feedforward> {
+    /// What is fed forward while the path's clock stands: the tool keeps to the learnt normal.
+    fn standing(&self, sample: &PassSample) -> Option<Feedforward> {
+        let point = self.memory.at(sample.stroke, sample.distance_m)?;
+        Some(Feedforward {
+            speed_m_per_s: 0.0,
+            normal: point.normal,
+            turn_rate: Vector3::zeros(),
+            turn_weight: point.weight * self.trust.confirmed_share() * self.ramp,
+        })
+    }
+
+    /// What is fed forward with the tool at `here_m`, moving along the path at `speed` (m/s).
+    fn ahead(&self, sample: &PassSample, here_m: f64, speed: f64) -> Option<Feedforward> {
+        let place_m = here_m + speed * sample.lead_s;
         let point = self.memory.at(sample.stroke, place_m)?;
         let weight = point.weight * self.trust.share() * self.ramp;
         let flat = tangential(&point.tangent, &sample.normal);
@@ -195,25 +219,19 @@ impl Learner {
         let slope = flat * (point.tangent.dot(&sample.normal) / square)
             + flat * (point.correction / square.sqrt());
         let slope = clamp_norm(slope, self.spec.slope_max);
-        let step_m = 0.004;
-        let (before, after) = (
-            self.memory.at(sample.stroke, place_m - step_m),
-            self.memory.at(sample.stroke, place_m + step_m),
-        );
-        let turn_rate = before.zip(after).map_or_else(Vector3::zeros, |(a, b)| {
-            let speed = sample.along.dot(&point.tangent);
-            let turn = a.normal.cross(&b.normal) * (speed / (2.0 * step_m));
-            clamp_norm(turn, TURN_RATE_MAX_RAD_PER_S)
-        });
-        let weight_turn = if before.is_some() && after.is_some() {
-            weight
-        } else {
-            0.0
+        // At the ends of a stroke, from one side.
+        let beside = |way_m: f64| {
+            let there = self.memory.at(sample.stroke, place_m + way_m);
+            there.map_or((0.0, point.normal), |there| (way_m, there.normal))
         };
+        let (before, after) = (beside(-TURN_OVER_M), beside(TURN_OVER_M));
+        let speed = sample.along.dot(&point.tangent);
+        let turn = before.1.cross(&after.1) * (speed / (after.0 - before.0).max(TURN_OVER_M));
         Some(Feedforward {
             speed_m_per_s: slope.dot(&sample.along) * weight,
-            turn_rate,
-            weight: weight_turn,
+            normal: (self.memory.at(sample.stroke, here_m)).map_or(point.normal, |p| p.normal),
+            turn_rate: clamp_norm(turn, TURN_RATE_MAX_RAD_PER_S),
+            turn_weight: point.weight * self.trust.confirmed_share() * self.ramp,
         })
     }
 
@@ -275,6 +293,7 @@ mod tests {
             distance_m,
             position: Vector3::new(distance_m, 0.0, height_m),
             normal: Vector3::z(),
+            estimated: Vector3::z(),
             along: Vector3::x() * SPEED,
             error_n: Some(0.0),
             stiffness_n_per_m: 5000.0,
@@ -414,10 +433,11 @@ mod tests {
                     sample.error_n = Some(c * 100.0);
                     sample.stiffness_n_per_m = d * 1e5;
                     sample.normal = Vector3::new(*b, *d, 1.0).try_normalize(0.1).unwrap_or_else(Vector3::z);
+                    sample.estimated = sample.normal;
                     if let Some(ahead) = learner.step(&sample) {
                         prop_assert!(ahead.speed_m_per_s.abs() <= 0.3 * SPEED + 1e-12);
                         prop_assert!(ahead.turn_rate.norm() <= TURN_RATE_MAX_RAD_PER_S + 1e-12);
-                        prop_assert!((0.0..=1.0).contains(&ahead.weight));
+                        prop_assert!((0.0..=1.0).contains(&ahead.turn_weight));
                     }
                     learner.commanded(&Vector3::new(SPEED, *a, *b), DT);
                     x += 0.1 / 300.0;

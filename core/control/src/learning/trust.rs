@@ -1,5 +1,5 @@
-//! How well the memory predicts the surface of the present pass, compared with the normal in use:
-//! a part that was exchanged shows within millimetres.
+//! How well the memory predicts the surface of the present pass, compared with the estimated
+//! normal: a part that was exchanged shows within millimetres.
 
 use nalgebra::Vector3;
 
@@ -14,7 +14,9 @@ const GAIN: f64 = 0.25;
 const GAIN_SLOW: f64 = 0.05;
 /// Slope error below which the comparison means nothing.
 const FLOOR: f64 = 0.01;
-/// Slope errors before the first measurement: of the memory and of the normal in use.
+/// Number of measurements in a pass after which the memory's normal is used in full.
+const CONFIRMED_BY: f64 = 4.0;
+/// Slope errors before the first measurement: of the memory and of the estimated normal.
 const FIRST: (f64, f64) = (0.015, 0.02);
 
 #[derive(Clone, Copy, Debug)]
@@ -28,8 +30,10 @@ struct Checkpoint {
 pub(super) struct Trust {
     memory: f64,
     memory_slow: f64,
-    in_use: f64,
+    estimated: f64,
     last: Option<Checkpoint>,
+    /// Number of measurements in this pass.
+    count: f64,
 }
 
 impl Default for Trust {
@@ -37,8 +41,9 @@ impl Default for Trust {
         Self {
             memory: FIRST.0 * FIRST.0,
             memory_slow: 0.0,
-            in_use: FIRST.1 * FIRST.1,
+            estimated: FIRST.1 * FIRST.1,
             last: None,
+            count: 0.0,
         }
     }
 }
@@ -49,7 +54,7 @@ impl Trust {
         self.last = None;
     }
 
-    /// Takes the surface's point under the tool (m), the normal in use and the tangent of the
+    /// Takes the surface's point under the tool (m), the estimated normal and the tangent of the
     /// memory there.
     pub fn step(&mut self, point: &Vector3<f64>, normal: &Vector3<f64>, tangent: &Vector3<f64>) {
         let here = Checkpoint {
@@ -62,6 +67,7 @@ impl Trust {
             return;
         }
         self.last = Some(here);
+        self.count += 1.0;
         let Some(between) = (last.normal + normal).try_normalize(0.1) else {
             return;
         };
@@ -72,13 +78,19 @@ impl Trust {
         let slope = |n: &Vector3<f64>| (way.dot(n) / way.norm()).powi(2);
         self.memory += (slope(&learnt) - self.memory) * GAIN;
         self.memory_slow += (slope(&learnt) - self.memory_slow) * GAIN_SLOW;
-        self.in_use += (slope(&between) - self.in_use) * GAIN;
+        self.estimated += (slope(&between) - self.estimated) * GAIN;
+    }
+
+    /// Share of the memory's normal that may be used, 0 to 1: it turns the tool at once, so it has
+    /// to be confirmed by some measurements first.
+    pub fn confirmed_share(&self) -> f64 {
+        self.share() * (self.count / CONFIRMED_BY).min(1.0)
     }
 
     /// Share of the memory's feedforward that may be used, 0 to 1: all of it while its mean square
-    /// error is below half of that of the normal in use, nothing above 1.
+    /// error is below half of that of the estimated normal, nothing above 1.
     pub fn share(&self) -> f64 {
-        let ratio = self.memory.max(self.memory_slow) / (self.in_use + FLOOR * FLOOR);
+        let ratio = self.memory.max(self.memory_slow) / (self.estimated + FLOOR * FLOOR);
         (2.0 - 2.0 * ratio).clamp(0.0, 1.0)
     }
 }

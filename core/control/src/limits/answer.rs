@@ -31,8 +31,11 @@ const RISE_M: f64 = 6e-5;
 /// Share of the expected rise below which the mean did not follow.
 const FOLLOWED: f64 = 0.2;
 /// Softest contact assumed until the stiffness is measured, N/m, and the number of times that it
-/// must have moved the mean by the threshold before its absence is judged.
+/// must have moved the mean by the threshold before its absence is judged. Up to a force of
+/// [`FIRST_N`], N, a soft tip is softer than it becomes.
 const SOFTEST_N_PER_M: f64 = 500.0;
+const SOFTEST_AT_FIRST_N_PER_M: f64 = 200.0;
+const FIRST_N: f64 = 0.6;
 const MOVED_TIMES: f64 = 2.0;
 /// Depth that is not known when a stiffness is measured, m: delay, and a pad that settles.
 const SHOWN_M: f64 = 3e-5;
@@ -140,7 +143,12 @@ impl Answer {
         let depth_m =
             self.now.depth_m - self.moved.depth_m - pressed.rule.slope * across_m - edge_m;
         // The softest contact would have moved the mean by now, whatever the noise.
-        let telling_m = RISE_M + MOVED_TIMES * moved_n / SOFTEST_N_PER_M;
+        let softest_n_per_m = if self.now.force_n < FIRST_N {
+            SOFTEST_AT_FIRST_N_PER_M
+        } else {
+            SOFTEST_N_PER_M
+        };
+        let telling_m = RISE_M + MOVED_TIMES * moved_n / softest_n_per_m;
         if depth_m > telling_m.max(BEYOND_M).min(pressed.rule.blind_max_m) {
             return true;
         }

@@ -47,6 +47,9 @@ const PRESSED_SHARE: f64 = 0.1;
 /// first touch.
 const TOUCHED_SHARE: f64 = 0.02;
 
+/// Share of the reference from which a tool that gives way presses as it should.
+const HELD_SHARE: f64 = 0.5;
+
 /// Time constant of the mean of the pressing force, s; shares of the reference that it has reached
 /// and below which it has fallen.
 const MEAN_S: f64 = 0.04;
@@ -91,6 +94,8 @@ pub(crate) struct Touch {
     pub reference_n: f64,
     /// Measured stiffness of the contact, N/m; `None` if not measured.
     pub stiffness_n_per_m: Option<f64>,
+    /// Whether the law gives way to a load along the surface.
+    pub gives_way: bool,
     /// Whether the arm's base is at rest.
     pub rests: bool,
     /// Whether the reading arrived since the last cycle: a repeated reading carries no new
@@ -210,6 +215,11 @@ impl ResponseGuard {
         self.fallen
     }
 
+    /// Whether the force points where no contact can press.
+    pub fn is_misdirected(&self) -> bool {
+        self.tripped == Some(Validity::Misdirected)
+    }
+
     /// Records that the force points where no contact can press, found by another observation.
     pub fn misdirected(&mut self) {
         self.tripped = self.tripped.or(Some(Validity::Misdirected));
@@ -291,7 +301,9 @@ impl ResponseGuard {
 
     /// Whether the force points where no contact can press. Judged under the same law as the depth.
     fn points_aside(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
-        if touch.doing != Doing::Pressing || !touch.rests || touch.depth.is_none() {
+        // A law that presses as it should, and gives way, answers to an obstacle by itself.
+        let answered = touch.gives_way && touch.force_n >= HELD_SHARE * touch.reference_n;
+        if touch.doing != Doing::Pressing || !touch.rests || touch.depth.is_none() || answered {
             self.direction = None;
             return false;
         }
@@ -335,6 +347,7 @@ mod tests {
             force_n,
             reference_n: 3.0,
             stiffness_n_per_m: None,
+            gives_way: false,
             rests: true,
             fresh: true,
             depth: Some(DepthRule {

@@ -88,7 +88,6 @@ impl ContactFilter {
         state.surface.add_bias_drift(&self.config, motion.dt_s);
         state.turn_payload(&motion.rotation.tr_mul(&self.gravity));
         state.surface.bound_bias(&self.config, motion.bias_age_s);
-        let force = state.force(motion);
         // Along the tool's axis, so that a sideways bias does not count as pressing.
         let pressing_n = -state.force_in_tool(motion).z;
         let contact = &self.config.contact;
@@ -98,15 +97,23 @@ impl ContactFilter {
             contact.force_off_n
         };
         // A bias that the filter believes in may hide a contact: what no zero can explain counts.
-        let plain_n = -motion.force_in_tool.z - state.zero_sd_n(&self.config, motion) * ZERO_SDS;
-        let pressing_n = pressing_n.max(plain_n);
+        let read_n = -motion.force_in_tool.z;
+        let zero_sd_n = state.zero_sd_n(&self.config, motion);
+        let mut pressing_n = pressing_n.max(read_n - zero_sd_n * ZERO_SDS);
         if pressing_n < threshold {
-            self.in_free_space(state, motion);
-            return;
+            // A reading that has not fallen shows no loss: the bias does not explain it.
+            if !state.is_held(read_n) || read_n < threshold {
+                self.in_free_space(state, motion);
+                return;
+            }
+            state.surface.deny_bias(&self.config, zero_sd_n);
+            pressing_n = read_n;
         }
         if state.phase == ContactPhase::Free {
             self.touch_down(state, motion, pressing_n);
         }
+        state.touch.hold(read_n, motion.dt_s);
+        let force = state.force(motion);
         state.centre = self.centre_of_pressure(state, motion, pressing_n);
         state.centre.position += motion.rotation * state.surface.tip_m;
         self.travel(state, motion);

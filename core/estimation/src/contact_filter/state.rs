@@ -51,6 +51,10 @@ const ACROSS_MIN_N: f64 = 0.3;
 const HEIGHT_SD_M: f64 = 1e-3;
 /// Standard deviation of the tip's stated position along x, y and z, m.
 const TIP_SD_M: [f64; 3] = [6e-4, 6e-4, 1.2e-3];
+/// Time over which the reading of a pressing tool is averaged, s, and the share of it down to which
+/// the tool presses as before.
+const HELD_S: f64 = 1.0;
+const HELD_SHARE: f64 = 0.6;
 /// Largest bias, in standard deviations of its zero.
 const BIAS_SDS: f64 = 4.0;
 
@@ -121,6 +125,8 @@ pub(super) struct Touchdown {
     pub point: Vector3<f64>,
     /// Pressing force at touchdown, N.
     pub force_n: f64,
+    /// Mean of the reading along the tool's axis while it presses, N.
+    pub held_n: f64,
     /// Information that the force has given since then while pressing, relative to a full load.
     pub pressing_information: f64,
     /// Information of the best tilt measurement from the pad's torque since then, 1/rad².
@@ -147,6 +153,13 @@ pub(super) struct Compliance {
     pub is_measured: bool,
 }
 
+impl Touchdown {
+    /// Averages the reading along the tool's axis, N.
+    pub fn hold(&mut self, read_n: f64, dt_s: f64) {
+        self.held_n += (read_n - self.held_n) * (dt_s / HELD_S).min(1.0);
+    }
+}
+
 impl ContactFilterState {
     /// State in free space, just after a tare.
     pub fn new(config: &EstimatorConfig) -> Self {
@@ -164,6 +177,7 @@ impl ContactFilterState {
             touch: Touchdown {
                 point: Vector3::zeros(),
                 force_n: 0.0,
+                held_n: 0.0,
                 pressing_information: 0.0,
                 flush_information: 0.0,
             },
@@ -195,6 +209,11 @@ impl ContactFilterState {
         force - self.surface.rotation.cross(&force)
     }
 
+    /// Whether a tool in contact still reads the force along its axis with which it pressed, N.
+    pub(super) fn is_held(&self, read_n: f64) -> bool {
+        self.phase != ContactPhase::Free && read_n > HELD_SHARE * self.touch.held_n
+    }
+
     /// Standard deviation that the zero of the force has by its age, N.
     pub(super) fn zero_sd_n(&self, config: &EstimatorConfig, motion: &Motion) -> f64 {
         let s = &config.sensing;
@@ -212,6 +231,7 @@ impl ContactFilterState {
         self.touch = Touchdown {
             point: motion.point_lagged,
             force_n: pressing_n,
+            held_n: -motion.force_in_tool.z,
             pressing_information: 0.0,
             flush_information: 0.0,
         };
@@ -352,6 +372,16 @@ impl SurfaceState {
         if length > bound {
             self.bias *= bound / length;
         }
+    }
+
+    /// Forgets a bias that says that a pressing tool does not press, and the friction with it: the
+    /// zero has the standard deviation `sd_n`, N.
+    pub fn deny_bias(&mut self, config: &EstimatorConfig, sd_n: f64) {
+        self.bias = Vector3::zeros();
+        for axis in 0..3 {
+            self.restart(BIAS + axis, sd_n.powi(2));
+        }
+        self.restart(FRICTION, config.surface.friction_sd.powi(2));
     }
 
     /// Begins to measure heights with the compliance found at touchdown: the tool stands on the

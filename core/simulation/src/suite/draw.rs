@@ -127,6 +127,7 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         errors,
         start,
         base: None,
+        depth_camera: None,
     };
     let mut estimation = EstimatorConfig::default();
     estimation.contact.tip = stated_tip;

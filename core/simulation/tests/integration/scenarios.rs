@@ -19,6 +19,7 @@ scenarios!(
     "pipe_ideal",
     "pipe_moving_base",
     "pipe_realistic",
+    "pipe_scan",
     "plane",
     "sheet",
     "sphere",

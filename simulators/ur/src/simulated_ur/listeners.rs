@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
+use tangent_mechanics::{Base, Flange, Pose};
 use tangent_simulated_device::RecordListener;
-use tangent_simulation::{OdometrySample, SensorSample, Truth};
+use tangent_simulation::{OdometrySample, SensorSample, True, Truth};
 
 use crate::plant::ArmPlant;
 
@@ -11,6 +12,8 @@ use crate::plant::ArmPlant;
 pub type TruthListener = Box<dyn FnMut(&Truth) + Send>;
 /// Takes a sample of the odometry of the moving base, with its age, s.
 pub type OdometryListener = Box<dyn FnMut(&OdometrySample, f64) + Send>;
+/// Takes the simulated time, s, and the true pose of the flange.
+pub type FlangeListener = Box<dyn FnMut(f64, &True<Pose<Base, Flange>>) + Send>;
 
 /// Callbacks of one controller.
 #[derive(Default)]
@@ -19,6 +22,8 @@ pub struct Listeners {
     pub truth: Option<TruthListener>,
     /// Odometry of the moving base, if there is one.
     pub odometry: Option<OdometryListener>,
+    /// True pose of the flange, for a camera on it.
+    pub flange: Option<FlangeListener>,
     /// Records of the force/torque sensor.
     pub records: Option<RecordListener>,
 }
@@ -41,6 +46,9 @@ impl Listeners {
             for sample in plant.odometry() {
                 listener(sample, now_s - sample.stamp_s);
             }
+        }
+        if let (Some(listener), Some(flange)) = (&mut self.flange, plant.true_base_from_flange()) {
+            listener(plant.arm().time_s, &flange);
         }
     }
 }

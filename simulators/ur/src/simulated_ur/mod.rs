@@ -29,7 +29,7 @@ use crate::plant::ArmPlant;
 use crate::primary::Geometry;
 
 use disturbance::Disturbance;
-pub use listeners::{Listeners, OdometryListener, TruthListener};
+pub use listeners::{FlangeListener, Listeners, OdometryListener, TruthListener};
 pub use servers::Endpoints;
 use servers::{Servers, Wanted};
 

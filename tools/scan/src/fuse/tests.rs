@@ -177,8 +177,8 @@ fn the_tool_in_the_view_is_left_out() {
     let left_out = mounting.left_out(&intrinsics(), [WIDTH, HEIGHT]);
     let middle = (HEIGHT / 2 * WIDTH + WIDTH / 2) as usize;
     assert_eq!((left_out[middle], left_out[0]), (1, 0));
-    let all = points_of(&image(0), &intrinsics(), &[], 10_000).unwrap();
-    let seen = points_of(&image(0), &intrinsics(), &left_out, 10_000).unwrap();
+    let all = points_of(&image(0), &intrinsics(), &[], 10_000, 0).unwrap();
+    let seen = points_of(&image(0), &intrinsics(), &left_out, 10_000, 0).unwrap();
     assert!(seen.len() < all.len());
     assert!(seen.iter().all(|p| p.xy().norm() > 0.01));
 }

@@ -6,11 +6,12 @@ use tangent_sensing::Validity;
 use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
+use super::ledge::Way;
 use super::losses::{Felt, Touch};
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
 use super::side_load::SideLoad;
-use super::touchdown::{approach_speed, touch_force_n};
+use super::touchdown::{approach_speed, real_touch_n};
 use super::urgent::urgent_fault;
 use crate::estimator_choice::EstimateStatus;
 use crate::limits::Limits;
@@ -78,6 +79,7 @@ impl Run {
                 && let Some(fault) =
                     urgent_fault(limits, percept).or_else(|| self.zero_fault(program, input))
             {
+                let fault = self.cause(fault, percept);
                 return self.leave(percept, Some(fault));
             }
             if self.is_zero_old(program, input) {
@@ -112,7 +114,7 @@ impl Run {
                 if self.phase == Phase::Contact
                     && self
                         .touch
-                        .was_none(&self.felt, touch_force_n(config, reference_n))
+                        .was_none(&self.felt, real_touch_n(config, reference_n))
                 {
                     return self.approach_on(percept);
                 }
@@ -168,6 +170,14 @@ impl Run {
                     self.leave(percept, Some(Fault::NoSurface));
                 }
             }
+            Phase::Contact
+                if self
+                    .touch
+                    .denies_zero(&self.felt, real_touch_n(config, reference_n)) =>
+            {
+                self.zero_withdrawn = true;
+                self.leave(percept, Some(Fault::ZeroInContact));
+            }
             Phase::Contact => {
                 let near = config.contact.settled_share * reference_n;
                 let arrived = (self.force.reference_n() - reference_n).abs() < 1e-9;
@@ -194,6 +204,14 @@ impl Run {
                     };
                 if self.stalled_s > STALLED_MAX_S {
                     return self.leave(percept, Some(Fault::PathBlocked));
+                }
+                match self.way_on(config.pace.over_m, dt) {
+                    Way::On => {}
+                    Way::Over if self.is_beside_surface(percept) => {
+                        return self.leave(percept, Some(Fault::SurfaceEnds));
+                    }
+                    Way::Over => return self.step_over(program, config.pace.over_m, percept),
+                    Way::Blocked => return self.leave(percept, Some(Fault::PathBlocked)),
                 }
                 let reason = if let EstimateStatus::None(_) = percept.estimate {
                     Some(HoldReason::NoEstimate)
@@ -238,6 +256,37 @@ impl Run {
             Phase::Lift => self.decide_lift(program, config, percept, dt),
             Phase::Clear | Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
+    }
+
+    /// What a sliding tool does about something in the way, with `over_m` as in the parameters.
+    fn way_on(&mut self, over_m: f64, dt_s: f64) -> Way {
+        if self.paused {
+            return Way::On;
+        }
+        if !self.gives_way {
+            self.losses.slides_on(dt_s);
+        }
+        if over_m <= 0.0 {
+            return Way::On;
+        }
+        let clock_s = self.tracking.clock_s();
+        self.ledge.step(self.gives_way, clock_s, dt_s)
+    }
+
+    /// The cause of a fault: a force along the surface, at a rim or beside it, is that of the rim.
+    fn cause(&self, fault: Fault, percept: &Percept) -> Fault {
+        let aside = fault == Fault::Wrench(Validity::Misdirected);
+        let is_rim = self.losses.is_rim_at(&percept.position) || self.is_beside_surface(percept);
+        if aside && is_rim {
+            Fault::SurfaceEnds
+        } else {
+            fault
+        }
+    }
+
+    fn is_beside_surface(&self, percept: &Percept) -> bool {
+        let (position, normal) = (&percept.position, &self.surface.normal);
+        self.losses.is_beside(position, normal)
     }
 
     fn decide_hold(
@@ -293,10 +342,6 @@ impl Run {
         };
         let tared_at = self.tared_at.take();
         let near = |at: Vector3<f64>| (percept.position - at).norm() < config.leave.touch_at_once_m;
-        if tared_at.is_some_and(near) {
-            self.zero_withdrawn = true;
-            return self.leave(percept, Some(Fault::ZeroInContact));
-        }
         self.force.touch(config, force_n, speed_m_per_s);
         // A tool that lands where the surface is known need not explore it.
         let knows_landing = std::mem::take(&mut self.lift.knows_landing);
@@ -311,6 +356,7 @@ impl Run {
             start: self.phase_start,
             touched: self.touched,
             tared_at,
+            at_tare: tared_at.is_some_and(near),
             knows_landing,
             unreal: self.touch.unreal,
         };

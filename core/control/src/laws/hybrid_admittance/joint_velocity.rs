@@ -25,9 +25,10 @@ impl<const N: usize> Default for JointVelocity<N> {
 }
 
 impl<const N: usize> JointVelocity<N> {
-    /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. A speed limit
-    /// keeps the direction of motion; near an end stop only that joint slows down. `normal` (unit,
-    /// base axes) is the direction in which the tool presses: its speed is kept.
+    /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. Limits of speed
+    /// and of acceleration keep the direction of motion; near an end stop only that joint slows
+    /// down. `normal` (unit, base axes) is the direction in which the tool presses: its speed is
+    /// kept.
     #[expect(
         clippy::too_many_arguments,
         reason = "the arm, its limits and one cycle's state, each with its own owner"
@@ -60,15 +61,19 @@ impl<const N: usize> JointVelocity<N> {
         let rest = wanted - first;
         wanted = first + rest * share_within(&first, &rest, &fastest);
         let most = limits.joint_acceleration_max_rad_per_s2;
+        let change = most * dt_s;
+        // All joints change by the same share of the way. If each one were bounded by itself, the
+        // tool would leave its direction where the arm folds, and be thrown along the surface.
+        let way = wanted - self.last;
+        let longest = way.amax().max(change).max(f64::MIN_POSITIVE);
+        wanted = self.last + way * (change / longest);
         for i in 0..N {
             // Slow enough to stop before the end stop: v² = 2 a s. Half the acceleration leaves
             // room for the arm's delay.
             let brake = |room: f64| (most * room.max(0.0)).sqrt();
             let upper = brake(bounds.position_upper[i] - limits.joint_margin_rad - q[i]);
             let lower = -brake(q[i] - bounds.position_lower[i] - limits.joint_margin_rad);
-            let change = most * dt_s;
-            let smooth = wanted[i].clamp(self.last[i] - change, self.last[i] + change);
-            self.last[i] = smooth.max(lower).min(upper);
+            self.last[i] = wanted[i].max(lower).min(upper);
         }
         (self.last, manipulability(&jacobian))
     }
@@ -129,6 +134,29 @@ mod tests {
 
     fn ur5() -> Arm<6> {
         Arm::new(&ModelData::builtin("ur5").unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_limit_of_acceleration_keeps_the_direction_of_the_change() {
+        let (arm, limits) = (ur5(), Limits::default());
+        let (q, tool) = (arm.home(), Pose::identity());
+        let twist = |x: f64| Twist::from_vector(&Vector6::new(x, 0.1 * x, -x, x, 0.0, 2.0 * x));
+        let mut law = JointVelocity::default();
+        let mut step =
+            |x: f64, dt_s: f64| law.step(&arm, &tool, &limits, &q, &twist(x), None, dt_s).0;
+        let from = step(0.1, 10.0);
+        let to = JointVelocity::default()
+            .step(&arm, &tool, &limits, &q, &twist(-0.1), None, 10.0)
+            .0;
+        let change = step(-0.1, 0.004) - from;
+        let most = limits.joint_acceleration_max_rad_per_s2 * 0.004;
+        assert!((change.amax() / most - 1.0).abs() < 1e-9, "{change}");
+        assert!(
+            (change.normalize() - (to - from).normalize()).norm() < 1e-9,
+            "{change}"
+        );
+        // Two states at the same time change nothing, and leave nothing that is not a number.
+        assert_eq!(step(-0.1, 0.0), from + change);
     }
 
     proptest! {

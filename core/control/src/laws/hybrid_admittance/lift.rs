@@ -1,12 +1,13 @@
-//! Travels from one stroke to the next above the surface: off along the normal, over to the start
-//! of the next stroke, and back by phase `seek`.
+//! Travels from one stroke to the next above the surface, or past something in the way: off along
+//! the normal, over to where the path goes on, and back by phase `seek`.
 //!
 //! The route bends away from the surface as far as the normals at its ends, and the expected
 //! surface of the task, ask for. A touch on the way leads further off. Called by the phase machine
 //! and the motion of phase `lift`.
 
 use nalgebra::{UnitVector3, Vector3};
-use tangent_mechanics::{Aligned, Base, Tool, Twist};
+use tangent_mechanics::{Aligned, Base, Tool, Twist, Wrench};
+use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::landing::Expected;
@@ -14,7 +15,7 @@ use super::percept::Percept;
 use super::run::Run;
 use super::surface::Surface;
 use super::surface_chart::{Felt, SurfaceChart};
-use crate::contact::alignment::{alignment_rate, angle_between};
+use crate::contact::alignment::{alignment_rate, angle_between, tangential};
 use crate::leaving::clearance::Leaving;
 use crate::limits::clamp_norm;
 use crate::limits::faults::Fault;
@@ -38,6 +39,12 @@ const SETTLE_MAX_S: f64 = 3.0;
 /// chord, m.
 const ROUTE_STEPS: u32 = 16;
 const BULGE_MAX_M: f64 = 0.15;
+/// Force along the surface that still holds a tool at a ledge, N, and the share of its speed with
+/// which the tool rises meanwhile.
+const HELD_N: f64 = 1.0;
+const RISE_WHILE_HELD: f64 = 0.2;
+/// Way back after which a ledge would have let go, m: the force is another's, or none.
+const BACK_MAX_M: f64 = 0.02;
 /// Touches on one way that lead further off; the next one ends the task.
 const CLIMBS_MAX: u32 = 3;
 
@@ -87,6 +94,11 @@ pub(crate) struct Lifting {
     /// Where the present way off begins, m.
     from: Vector3<f64>,
     climbs: u32,
+    /// Time on the path's clock at which the tool lands, s, if it passes over something in the way;
+    /// `None`: it lands at the next stroke.
+    past_s: Option<f64>,
+    /// Force along the surface at the start of a way over something, N: it lets go.
+    held_n: f64,
     /// Whether the surface was felt near the landing.
     pub knows_landing: bool,
 }
@@ -97,6 +109,8 @@ impl Lifting {
             stage: Stage::Off,
             from: Vector3::zeros(),
             climbs: 0,
+            past_s: None,
+            held_n: 0.0,
             knows_landing: false,
         }
     }
@@ -105,9 +119,27 @@ impl Lifting {
 impl Run {
     /// Leaves the surface for the next stroke.
     pub(crate) fn take_off(&mut self, percept: &Percept) {
+        self.rise(percept, Lifting::idle());
+    }
+
+    /// Leaves the surface for the path behind something in the way.
+    pub(crate) fn step_over(&mut self, program: &Program, over_m: f64, percept: &Percept) {
+        let past_s = self.tracking.past_s(&program.path, over_m);
+        self.ledge.passed(past_s);
+        let normal = &self.surface.normal;
+        let aside = |wrench: Wrench<_>| tangential(&wrench.force, normal).norm();
+        let past = Lifting {
+            past_s: Some(past_s),
+            held_n: percept.wrench.map_or(0.0, aside),
+            ..Lifting::idle()
+        };
+        self.rise(percept, past);
+    }
+
+    fn rise(&mut self, percept: &Percept, lift: Lifting) {
         self.lift = Lifting {
             from: percept.position,
-            ..Lifting::idle()
+            ..lift
         };
         self.tracking.freeze();
         self.force.rest();
@@ -129,8 +161,13 @@ impl Run {
             Stage::Off => {
                 let leave = &config.leave;
                 let normal = self.surface.normal;
+                let back_m = tangential(&(percept.position - self.lift.from), &normal).norm();
+                if back_m > BACK_MAX_M && self.is_held(&wrench.force) {
+                    let aside = Fault::Wrench(Validity::Misdirected);
+                    return self.leave(percept, Some(aside));
+                }
                 let way_m = (percept.position - self.lift.from).dot(&normal);
-                let release_max_n = (2.0 * program.force_max_n()).max(10.0);
+                let release_max_n = (2.0 * program.force_max_n()).max(10.0) + self.lift.held_n;
                 let force = &wrench.force;
                 let left = self
                     .leave
@@ -150,9 +187,12 @@ impl Run {
                 if self.lift.climbs >= CLIMBS_MAX {
                     return self.leave(percept, Some(Fault::PathBlocked));
                 }
-                let climbs = self.lift.climbs + 1;
-                self.take_off(percept);
-                self.lift.climbs = climbs;
+                let higher = Lifting {
+                    stage: Stage::Off,
+                    climbs: self.lift.climbs + 1,
+                    ..self.lift
+                };
+                self.rise(percept, higher);
             }
             Stage::Over(route) => {
                 let late_s = route.time_s - route.profile.duration_s();
@@ -164,11 +204,17 @@ impl Run {
                     self.leave(percept, Some(Fault::PathBlocked));
                 } else if late || late_s >= 0.0 && turned && away_m < ARRIVED_M {
                     self.surface = Surface::new(route.to_normal);
-                    self.tracking.land(&program.path, route.lands);
+                    let past_s = self.lift.past_s;
+                    self.tracking.land(&program.path, past_s, route.lands);
                     self.enter(Phase::Seek, percept);
                 }
             }
         }
+    }
+
+    /// Whether a `force` (base axes, N) holds the tool at a ledge over which it lifts.
+    fn is_held(&self, force: &Vector3<f64>) -> bool {
+        self.lift.past_s.is_some() && tangential(force, &self.surface.normal).norm() > HELD_N
     }
 
     /// Whether the tool is above the surface and waits for its route.
@@ -176,7 +222,7 @@ impl Run {
         self.phase == Phase::Lift && self.lift.stage == Stage::Above && !self.paused
     }
 
-    /// Finds the way to the next stroke: from what was felt near its start, or else on the plane
+    /// Finds the way to where the path goes on: from what was felt near there, or else on the plane
     /// through the tool.
     pub(super) fn set_route(
         &mut self,
@@ -185,21 +231,21 @@ impl Run {
         chart: Option<&SurfaceChart>,
         percept: &Percept,
     ) {
-        let Some(lift) = self.tracking.at_lift(&program.path) else {
+        let Some(landing) = self.tracking.landing(&program.path, self.lift.past_s) else {
             return self.leave(percept, None);
         };
         let rise = program.path.rise();
         let (from, from_normal) = (percept.position, self.surface.normal);
-        let felt = chart.and_then(|chart| chart.nearest(&lift.to, FELT_FAR_M));
+        let felt = chart.and_then(|chart| chart.nearest(&landing, FELT_FAR_M));
         let (lands, to_normal) = match felt {
             Some(felt) => {
-                let beside = lift.to - felt.in_plane;
+                let beside = landing - felt.in_plane;
                 let beside = self.tracking.on_surface(beside, &felt.normal);
                 (felt.position + beside, felt.normal)
             }
             None => {
                 let here = self.tracking.in_plane(&program.path, &from, &from_normal);
-                let way = self.tracking.on_surface(lift.to - here, &from_normal);
+                let way = self.tracking.on_surface(landing - here, &from_normal);
                 let height = (from - self.lift.from).dot(&from_normal);
                 (from - from_normal * height + way, from_normal)
             }
@@ -213,9 +259,9 @@ impl Run {
         let (lands, to_normal) = match &expected {
             None => (lands, to_normal),
             Some((expected, chart)) => {
-                let height_m = expected.height_near_m(&lift.to, chart, &self.tracking);
-                let place = self.tracking.place_over(&lift.to, height_m);
-                (place, expected.normal(&lift.to, &self.tracking))
+                let height_m = expected.height_near_m(&landing, chart, &self.tracking);
+                let place = self.tracking.place_over(&landing, height_m);
+                (place, expected.normal(&landing, &self.tracking))
             }
         };
         self.lift.knows_landing = knows_landing;
@@ -299,7 +345,10 @@ impl Run {
         dt_s: f64,
         speed_scaling: f64,
     ) -> Twist<Aligned<Tool, Base>> {
-        if percept.wrench.is_none() || percept.base.is_some() || self.paused {
+        let Some(wrench) = &percept.wrench else {
+            return Twist::zero();
+        };
+        if percept.base.is_some() || self.paused {
             return Twist::zero();
         }
         let turn = |normal: &Vector3<f64>| {
@@ -311,7 +360,15 @@ impl Run {
         match &mut self.lift.stage {
             Stage::Off => {
                 let speed = config.leave.speed_m_per_s;
-                Twist::new(self.surface.normal * speed, Vector3::zeros())
+                let normal = self.surface.normal;
+                // Against a ledge it would catch at its rim: first back, then up.
+                let way = if self.is_held(&wrench.force) {
+                    let aside = tangential(&wrench.force, &normal);
+                    aside.normalize() + normal * RISE_WHILE_HELD
+                } else {
+                    normal
+                };
+                Twist::new(way * speed, Vector3::zeros())
             }
             Stage::Above => Twist::new(Vector3::zeros(), turn(&self.surface.normal)),
             Stage::Over(route) => {

@@ -15,14 +15,13 @@ const SLOWER_FACTOR: f64 = 0.6;
 /// Slowest share of the speed.
 const SHARE_MIN: f64 = 0.1;
 
-/// Force that a touch must have reached to be one, as a factor of the force that counts as a touch:
-/// more than the drift of a zero and noise.
-const REAL_SHARE: f64 = 2.0;
 /// Largest number of touches in sequence that may be none.
 const UNREAL_MAX: u32 = 10;
 
 /// Depth by which the tool gets further in from loss to loss where a surface ends, m.
 const DEEPER_M: f64 = 1e-3;
+/// Time for which a tool slides unhindered after a loss where the surface goes on, s.
+const GOES_ON_S: f64 = 0.5;
 
 /// What the tool felt from a touch to a loss.
 #[derive(Clone, Copy, Debug, Default)]
@@ -58,6 +57,8 @@ pub(crate) struct Touch {
     pub touched: bool,
     /// Where the zero in force was taken, m; `None` if the tool had touched after it.
     pub tared_at: Option<Vector3<f64>>,
+    /// Whether the tool touches there.
+    pub at_tare: bool,
     /// Whether the surface was known where the tool lands.
     pub knows_landing: bool,
     /// Touches before this one that were none, in sequence.
@@ -71,6 +72,7 @@ impl Default for Touch {
             start: Vector3::zeros(),
             touched: false,
             tared_at: None,
+            at_tare: false,
             knows_landing: false,
             unreal: 0,
         }
@@ -78,10 +80,16 @@ impl Default for Touch {
 }
 
 impl Touch {
-    /// Whether a touch that has ended was none, by what the tool `felt`; `touch_n` is the force
-    /// that counts as a touch, N. Many in sequence are real: a tool that bounces.
-    pub fn was_none(&mut self, felt: &Felt, touch_n: f64) -> bool {
-        let none = felt.pressing_most_n < REAL_SHARE * touch_n && self.unreal < UNREAL_MAX;
+    /// Whether the zero in force was taken in contact: the tool has touched where it was taken,
+    /// with at least `real_n`, N.
+    pub fn denies_zero(&self, felt: &Felt, real_n: f64) -> bool {
+        self.at_tare && felt.pressing_most_n >= real_n
+    }
+
+    /// Whether a touch that has ended was none, by what the tool `felt`: less than `real_n`, N.
+    /// Many in sequence are real: a tool that bounces.
+    pub fn was_none(&mut self, felt: &Felt, real_n: f64) -> bool {
+        let none = felt.pressing_most_n < real_n && self.unreal < UNREAL_MAX;
         self.unreal = if none { self.unreal + 1 } else { 0 };
         none
     }
@@ -94,6 +102,9 @@ pub(crate) struct Losses {
     here: u32,
     aside: u32,
     deeper_m: f64,
+    /// Where contact was lost last, until the tool slides on, and for how long it has, s.
+    last: Option<Vector3<f64>>,
+    slid_s: f64,
 }
 
 impl Losses {
@@ -103,9 +114,12 @@ impl Losses {
         if !self.is_near(position) {
             *self = Self {
                 place: Some(*position),
+                last: self.last,
                 ..Self::default()
             };
         }
+        self.last.get_or_insert(*position);
+        self.slid_s = 0.0;
         self.here += 1;
         self.aside += u32::from(felt.is_aside());
         self.deeper_m = self
@@ -118,6 +132,30 @@ impl Losses {
     /// bounces.
     pub fn is_rim(&self) -> bool {
         2 * self.aside >= self.here || self.deeper_m > DEEPER_M
+    }
+
+    /// Whether the last losses were at `position` (m), and are those of a surface that ends.
+    pub fn is_rim_at(&self, position: &Vector3<f64>) -> bool {
+        self.is_near(position) && self.is_rim()
+    }
+
+    /// Records that the tool slides on unhindered: the surface goes on.
+    pub fn slides_on(&mut self, dt_s: f64) {
+        self.slid_s += dt_s;
+        if self.slid_s > GOES_ON_S {
+            self.last = None;
+        }
+    }
+
+    /// Whether the tool at `position` (m) is further in than where contact was lost, and has not
+    /// slid on since: beside a surface that ends there.
+    pub fn is_beside(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        self.last.is_some_and(|last| {
+            let off = position - last;
+            let deeper_m = -off.dot(normal);
+            let beside_m = (off + normal * deeper_m).norm();
+            beside_m < PLACE_M && deeper_m > DEEPER_M
+        })
     }
 
     /// Share of a speed, of the path or towards the surface, that is left at `position` (m).
@@ -159,12 +197,12 @@ mod tests {
         felt.add(0.2, 0.1, 0.1);
         let mut touch = Touch::default();
         let none = (0..12)
-            .map(|_| touch.was_none(&felt, 0.3))
+            .map(|_| touch.was_none(&felt, 0.6))
             .collect::<Vec<_>>();
         assert_eq!(none.iter().filter(|none| **none).count(), 11);
         assert!(!none[10]);
         felt.add(0.7, 0.1, 0.1);
-        assert!(!touch.was_none(&felt, 0.3));
+        assert!(!touch.was_none(&felt, 0.6));
     }
 
     #[test]

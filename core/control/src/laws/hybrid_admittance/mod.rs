@@ -17,6 +17,7 @@ mod interface;
 pub mod joint_velocity;
 mod landing;
 mod leaving;
+mod ledge;
 mod lift;
 pub mod loop_delay;
 mod losses;

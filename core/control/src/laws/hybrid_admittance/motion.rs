@@ -4,8 +4,8 @@ use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
 use super::pace::{
-    ForceLoop, deviation_along_rad, deviation_max_rad, excess_factor, force_factor, speed_bound,
-    turn_bound,
+    ForceLoop, blind_factor, deviation_along_rad, deviation_max_rad, excess_factor, force_factor,
+    speed_bound, turn_bound,
 };
 use super::percept::Percept;
 use super::run::Run;
@@ -106,6 +106,7 @@ pub(super) fn wanted_twist<const N: usize>(
             ) + way.velocity;
             let learnt =
                 learning.and_then(|learning| run.learnt(program, learning, input, percept, &along));
+            run.surface.learnt = learnt.map(|learnt| (learnt.normal, learnt.turn_weight));
             let (speed, turn) = if let Some(wrench) = percept.wrench {
                 run.force.step(
                     config,
@@ -137,7 +138,9 @@ pub(super) fn wanted_twist<const N: usize>(
             );
             let ahead = if config.alignment.feed_forward && run.phase == Phase::Slide {
                 let own = run.surface.turn_rate;
-                learnt.map_or(own, |learnt| own.lerp(&learnt.turn_rate, learnt.weight))
+                learnt.map_or(own, |learnt| {
+                    own.lerp(&learnt.turn_rate, learnt.turn_weight)
+                })
             } else {
                 still
             };
@@ -184,6 +187,7 @@ impl Run {
             distance_m,
             position: percept.position,
             normal: self.surface.normal,
+            estimated: self.surface.estimated,
             along: *along,
             error_n: percept.force_n.map(error_n),
             stiffness_n_per_m: self.force.stiffness_n_per_m(),
@@ -244,7 +248,8 @@ fn force_loop(run: &Run, config: &ControllerConfig, reference_n: f64) -> ForceLo
 }
 
 /// Velocity along the surface: of the exploration, or of the path at the speed that the certainty
-/// of the normal allows. `factor` is 1 at the path's own speed and 0 to stand.
+/// of the normal allows. `factor` is 1 at the path's own speed and 0 to stand. What slows the tool
+/// down leaves it at least `speed_min_m_per_s`: a slower one feels nothing of the normal.
 fn along_path(
     run: &mut Run,
     program: &Program,
@@ -260,14 +265,16 @@ fn along_path(
         .force_n
         .map_or(0.0, |force_n| force_n - run.force.reference_n());
     let path_speed = program.task.path.speed_m_per_s();
-    let mut factor = factor
+    let least = factor * (config.pace.speed_min_m_per_s / path_speed.max(1e-6)).min(1.0);
+    let with_force = factor
         * force_factor(&config.pace, error_n, reference_n)
-        * excess_factor(&config.pace, error_n, reference_n)
-        * run.losses.speed_share(position);
+        * excess_factor(&config.pace, error_n, reference_n);
+    let mut factor = with_force * run.losses.speed_share(position);
     let force = force_loop(run, config, reference_n);
+    // It is not slower where contact was lost: the normal is wrong there, and a circle finds it.
     let explore_factor = match run.phase {
         Phase::Contact if run.may_explore(config, percept) => 1.0,
-        Phase::Slide => factor,
+        Phase::Slide => with_force,
         _ => 0.0,
     };
     if let (Phase::Contact | Phase::Slide, EstimateStatus::Usable(input)) =
@@ -284,6 +291,7 @@ fn along_path(
             let bound = speed_bound(&config.pace, deviation, &force);
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;
+            let speed = speed.max(least * path_speed);
             if let Some(step) = run
                 .exploration
                 .step(&config.pace, bend_m, deviation, speed, dt_s)
@@ -304,9 +312,14 @@ fn along_path(
             factor = factor.min(bound / path_speed.max(1e-6));
         }
     } else if run.estimated {
-        // The last normal becomes wrong with every millimetre.
+        // The last normal becomes wrong with every millimetre. A tool that it leads off the surface
+        // waits until it presses again, so that the estimator feels the surface.
         let bound = speed_bound(&config.pace, WITHHELD_SD_RAD, &force);
-        factor = factor.min(bound / path_speed.max(1e-6));
+        factor = factor.min(bound / path_speed.max(1e-6))
+            * blind_factor(&config.pace, error_n, reference_n);
+    }
+    if factor > 0.0 {
+        factor = factor.max(least);
     }
     run.tracking
         .step(&config.path, &program.path, factor, position, &normal, dt_s)

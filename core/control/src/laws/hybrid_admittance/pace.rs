@@ -27,6 +27,9 @@ const TURN_MIN_RAD_PER_S: f64 = 0.05;
 const STAND_SHARES: f64 = 2.5;
 /// Share of the speed that is left whatever the force.
 const EXCESS_LEAST: f64 = 0.2;
+/// Without an estimate, the tool stands up to the first share of the reference, and moves as fast
+/// as it may from the second.
+const BLIND_SHARES: [f64; 2] = [0.4, 0.7];
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
 const REFERENCE_MIN_N: f64 = 1.5;
 /// Largest radius of the first circle, m.
@@ -73,6 +76,17 @@ pub(crate) fn excess_factor(config: &PaceConfig, error_n: f64, reference_n: f64)
         return 1.0;
     }
     speed_left(error_n, reference_n, config.excess_share).max(EXCESS_LEAST)
+}
+
+/// Share of the path's speed, without an estimate, that a force leaves which is off its reference
+/// by `error_n`: a tool that the last normal leads off the surface waits.
+pub(crate) fn blind_factor(config: &PaceConfig, error_n: f64, reference_n: f64) -> f64 {
+    if config.slope_share <= 0.0 {
+        return 1.0;
+    }
+    let [stands, full] = BLIND_SHARES;
+    let share = 1.0 + error_n / reference_n;
+    ((share - stands) / (full - stands)).clamp(0.0, 1.0)
 }
 
 /// Share of a speed that is left by an error of the force: 1 up to the share `from` of the
@@ -201,6 +215,20 @@ mod tests {
             ..config
         };
         assert_eq!(excess_factor(&off, 100.0, 10.0), 1.0);
+    }
+
+    #[test]
+    fn a_tool_without_an_estimate_stands_until_it_presses() {
+        let config = PaceConfig::default();
+        let factor = |error_n| blind_factor(&config, error_n, 2.0);
+        assert_eq!([factor(-2.0), factor(-1.3)], [0.0, 0.0]);
+        assert!((factor(-0.9) - 0.5).abs() < 1e-9);
+        assert_eq!([factor(-0.5), factor(3.0)], [1.0, 1.0]);
+        let off = PaceConfig {
+            slope_share: 0.0,
+            ..config
+        };
+        assert_eq!(blind_factor(&off, -2.0, 2.0), 1.0);
     }
 
     #[test]

@@ -5,12 +5,12 @@
 //! outcome into motion.
 
 use nalgebra::Vector3;
-use tangent_sensing::Validity;
 
 use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
+use super::ledge::Ledge;
 use super::lift::Lifting;
 use super::losses::{Felt, Losses, Touch};
 use super::pace::Exploration;
@@ -59,6 +59,7 @@ pub(crate) struct Run {
     pub side: SideLoad,
     /// Whether something along the surface stands in the way, or pushes.
     pub gives_way: bool,
+    pub ledge: Ledge,
     pub in_contact: bool,
     pub lost_count: u32,
     pub losses: Losses,
@@ -127,6 +128,7 @@ impl Run {
             acting: ActingPoint::default(),
             side: SideLoad::default(),
             gives_way: false,
+            ledge: Ledge::default(),
             in_contact: false,
             lost_count: 0,
             losses: Losses::default(),
@@ -230,7 +232,7 @@ impl Run {
     pub(crate) fn way_off(&self) -> Vector3<f64> {
         if let Some(way) = self.way_off {
             way
-        } else if self.touched && self.fault == Some(Fault::Wrench(Validity::Misdirected)) {
+        } else if self.touched && self.response.is_misdirected() {
             self.turn.way_off(&self.approach)
         } else if self.touched {
             self.surface.normal

@@ -9,6 +9,7 @@ use super::interface::ControlInput;
 use super::moving_base::MovingBase;
 use super::percept::Percept;
 use super::run::Run;
+use super::stiffness::DEPTH_SD_M;
 use super::surface::Surface;
 use super::touchdown::touch_force_n;
 use crate::estimator_choice::EstimateStatus;
@@ -24,6 +25,8 @@ use crate::task::program::Program;
 /// Slope by which the normal in use may be wrong: 20 degrees, because an estimator that works by
 /// touch alone finds the normal only while sliding.
 const SLOPE: f64 = 0.36;
+/// Longest time for which a gap as large as the error of a depth is no loss of contact, s.
+const GAP_MAX_S: f64 = 0.25;
 /// Distance from the tool's origin to an edge of the tip that may be the contact, m.
 const TIP_RADIUS_M: f64 = 0.015;
 
@@ -160,6 +163,7 @@ impl Run {
             force_n: pose.rotate(&input.wrench.force).dot(&normal),
             reference_n,
             stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
+            gives_way: self.gives_way,
             rests: input.base.is_none(),
             fresh: input.wrench_age_s <= input.dt_s,
             depth: Some(DepthRule {
@@ -184,7 +188,10 @@ impl Run {
         }
         if force_n < lost {
             self.low_s += dt_s;
-            if self.low_s + 0.5 * dt_s >= contact.lost_s {
+            // Where the law closes the arm's own ripple only slowly, a gap of that size is no loss.
+            let closing_s = DEPTH_SD_M * self.force.damping_n_s_per_m() / reference_n;
+            let patience_s = contact.lost_s.max(closing_s.min(GAP_MAX_S));
+            if self.low_s + 0.5 * dt_s >= patience_s {
                 self.in_contact = false;
             }
         } else {

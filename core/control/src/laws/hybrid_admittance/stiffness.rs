@@ -20,6 +20,30 @@ pub struct Stiffness {
     depth_var: f64,
     force_var: f64,
     covariance: f64,
+    since: Option<Since>,
+}
+
+/// Depth and force since the touch.
+#[derive(Clone, Copy, Debug)]
+struct Since {
+    depth_m: f64,
+    force_n: f64,
+    /// Mean of the force over the last [`MEAN_S`], N.
+    mean_n: f64,
+}
+
+impl Since {
+    /// Largest stiffness, N/m, that a contact can have whose force has risen so little over this
+    /// depth; infinite while the depth shows nothing.
+    fn most_n_per_m(&self, depth_m: f64) -> f64 {
+        let way_m = depth_m - self.depth_m - WAY_SDS * DEPTH_SD_M;
+        let risen_n = (self.mean_n - self.force_n).max(0.0) + UNFELT_N;
+        if way_m > 0.0 {
+            MOST_FACTOR * risen_n / way_m
+        } else {
+            f64::INFINITY
+        }
+    }
 }
 
 /// Minimum spread of depth for a measurement, m: well above a joint encoder's noise at the tool.
@@ -28,7 +52,7 @@ const SPREAD_MIN_M: f64 = 1.5e-5;
 const BELIEVED: (f64, f64) = (300.0, 120_000.0);
 /// Standard deviations of the errors of depth, m, and of force, N: gear ripple, joint speed noise,
 /// vibration.
-const DEPTH_SD_M: f64 = 2e-5;
+pub(super) const DEPTH_SD_M: f64 = 2e-5;
 const FORCE_SD_N: f64 = 0.08;
 /// Smallest squared correlation of depth and force that shows a stiffness.
 const CORRELATION_MIN: f64 = 0.3;
@@ -36,6 +60,15 @@ const CORRELATION_MIN: f64 = 0.3;
 const LOWER_S: f64 = 0.06;
 /// Share of the stiffness in use from which a measurement is near it.
 const SETTLED_SHARE: f64 = 0.8;
+/// A contact that gives way without a force is soft: standard deviations of the depth that do not
+/// count, force that may stay unfelt, N, time over which the force is averaged, s, and the factor
+/// by which a contact may be stiffer than it seems. The softest that is concluded from it, N/m:
+/// the tool may not touch yet.
+const WAY_SDS: f64 = 3.0;
+const UNFELT_N: f64 = 0.3;
+const MEAN_S: f64 = 0.1;
+const MOST_FACTOR: f64 = 2.0;
+const MOST_LEAST_N_PER_M: f64 = 5000.0;
 /// Time constant of the forgetting, s.
 const MEMORY_S: f64 = 1.5;
 
@@ -53,6 +86,7 @@ impl Stiffness {
             depth_var: 0.0,
             force_var: 0.0,
             covariance: 0.0,
+            since: None,
         }
     }
 
@@ -78,6 +112,7 @@ impl Stiffness {
             lagged + (depth_m - lagged) * (dt_s / (dt_s + delay_s.max(0.0)))
         });
         self.depth_lagged_m = Some(lagged);
+        self.bound(lagged, force_n, dt_s);
         let keep = (-dt_s / MEMORY_S).exp();
         self.weight = self.weight * keep + 1.0;
         let gain = 1.0 / self.weight;
@@ -109,6 +144,20 @@ impl Stiffness {
             dt_s / (dt_s + LOWER_S)
         };
         self.value_n_per_m += share * (measured - self.value_n_per_m);
+    }
+
+    /// Lowers the stiffness in use to what the force since the touch allows.
+    fn bound(&mut self, depth_m: f64, force_n: f64, dt_s: f64) {
+        let since = self.since.get_or_insert(Since {
+            depth_m,
+            force_n,
+            mean_n: force_n,
+        });
+        since.mean_n += (force_n - since.mean_n) * (dt_s / (dt_s + MEAN_S));
+        let most = since.most_n_per_m(depth_m).max(MOST_LEAST_N_PER_M);
+        if most < self.value_n_per_m {
+            self.value_n_per_m += (most - self.value_n_per_m) * (dt_s / (dt_s + LOWER_S));
+        }
     }
 
     /// Takes the contact to be stiffer by `factor` than it is believed to be: the loop rings.
@@ -173,6 +222,19 @@ mod tests {
         assert!(settled_at.is_some_and(|k| k < 6.5e3), "{settled_at:?}");
         stiffness.restart();
         assert!(!stiffness.is_settled() && stiffness.is_known());
+    }
+
+    #[test]
+    fn a_contact_that_gives_without_a_force_is_soft() {
+        // A foam that begins with 150 N/m, and a force of 0.1 N of noise.
+        let mut stiffness = Stiffness::new(50_000.0);
+        for i in 0..500u32 {
+            let depth = 2e-6 * f64::from(i);
+            let noise = 0.1 * (f64::from(i) * 0.11).sin();
+            stiffness.update(depth, 150.0 * depth + noise, 0.0, 0.008);
+        }
+        let found = stiffness.value_n_per_m();
+        assert!(found < 6_000.0, "{found}");
     }
 
     #[test]

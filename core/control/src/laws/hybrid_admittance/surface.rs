@@ -20,6 +20,11 @@ const SPEED_MIN: f64 = 0.002;
 pub struct Surface {
     /// Normal in use: unit, out of the material, base axes.
     pub normal: Vector3<f64>,
+    /// The normal from estimates alone. It is in use where nothing is learnt.
+    pub estimated: Vector3<f64>,
+    /// Normal that earlier passes learnt of the place under the tool, and its weight, 0 to 1: for
+    /// the next cycle.
+    pub learnt: Option<(Vector3<f64>, f64)>,
     /// Angular velocity of the surface normal under the moving tool, rad/s, base axes: the
     /// feed-forward of eq. (4).
     pub turn_rate: Vector3<f64>,
@@ -33,6 +38,8 @@ impl Surface {
     pub fn new(normal: Vector3<f64>) -> Self {
         Self {
             normal,
+            estimated: normal,
+            learnt: None,
             turn_rate: Vector3::zeros(),
             shape: Matrix3::zeros(),
         }
@@ -47,7 +54,7 @@ impl Surface {
         velocity: &Vector3<f64>,
         dt_s: f64,
     ) {
-        let along = tangential(velocity, &self.normal);
+        let along = tangential(velocity, &self.estimated);
         let given = input
             .and_then(|i| i.estimate.curvature)
             .filter(|curvature| curvature.norm() <= config.curvature_max_per_m);
@@ -59,22 +66,38 @@ impl Surface {
         }
         // The normal's derivative is the shape operator times the velocity; its angular velocity is
         // n × n'.
-        let turning = self.normal.cross(&(self.shape * along));
+        let turning = self.estimated.cross(&(self.shape * along));
         self.turn_rate = clamp_norm(turning, config.turn_rate_max_rad_per_s);
         let correction = input.map_or_else(Vector3::zeros, |input| {
             let ahead = self.turn_rate * self.foresight_s(config, input.age_s, &along, given);
             let now = Rotation3::new(clamp_norm(ahead, config.prediction_max_rad))
                 * input.estimate.normal;
-            rotation_to(&self.normal, &now) / Self::filter_s(config, &input.estimate).max(dt_s)
+            rotation_to(&self.estimated, &now) / Self::filter_s(config, &input.estimate).max(dt_s)
         });
         let rate = clamp_norm(self.turn_rate + correction, config.turn_rate_max_rad_per_s);
         if input.is_some_and(|i| i.estimate.curvature.is_none()) {
             self.learn(config, &correction, &along, dt_s);
         }
         let turned = Rotation3::new(rate * dt_s);
-        self.normal = (turned * self.normal).normalize();
+        self.estimated = (turned * self.estimated).normalize();
+        self.follow(config.turn_rate_max_rad_per_s * dt_s);
         // The shape operator rotates with the tangent plane.
         self.shape = turned * self.shape * turned.inverse();
+    }
+
+    /// Turns the normal in use, by at most `turn_max_rad`, towards the estimated one, or as far
+    /// from it as what is learnt has weight.
+    fn follow(&mut self, turn_max_rad: f64) {
+        let learnt = self.learnt.take();
+        let wanted = learnt
+            .and_then(|(normal, weight)| self.estimated.lerp(&normal, weight).try_normalize(0.1))
+            .unwrap_or(self.estimated);
+        let way = rotation_to(&self.normal, &wanted);
+        self.normal = if way.norm() <= turn_max_rad * (1.0 + 1e-6) + 1e-12 {
+            wanted
+        } else {
+            (Rotation3::new(clamp_norm(way, turn_max_rad)) * self.normal).normalize()
+        };
     }
 
     /// Time by which an old estimate is moved on along the surface, s: its age. A learnt shape
@@ -118,7 +141,7 @@ impl Surface {
             return;
         }
         let unforeseen =
-            clamp_norm(*correction, config.turn_rate_max_rad_per_s).cross(&self.normal);
+            clamp_norm(*correction, config.turn_rate_max_rad_per_s).cross(&self.estimated);
         let direction = along / speed;
         let step = unforeseen * direction.transpose() * (dt_s / config.curvature_distance_m);
         self.shape += (step + step.transpose()) * 0.5;

@@ -15,12 +15,24 @@ const BLIND_SHARE: f64 = 0.85;
 const STIFFER: f64 = 2.0;
 const PEAK_N: f64 = 10.0;
 const PEAK_SHARE: f64 = 2.0;
+/// A touch is real from this many times the force that counts as one, or from this share of the
+/// reference if that is less.
+const REAL_FACTOR: f64 = 2.0;
+const REAL_SHARE: f64 = 0.8;
 /// Minimum touchdown speed, m/s.
 const SPEED_MIN_M_PER_S: f64 = 0.0005;
 
 /// Force from which the tool touches, N.
 pub(crate) fn touch_force_n(config: &ControllerConfig, reference_n: f64) -> f64 {
     (config.contact.touch_share * reference_n).max(config.contact.noise_n)
+}
+
+/// Force that a touch must reach to be one, N: more than the drift of a zero and noise.
+pub(crate) fn real_touch_n(config: &ControllerConfig, reference_n: f64) -> f64 {
+    let touch_n = touch_force_n(config, reference_n);
+    (REAL_FACTOR * touch_n)
+        .min(REAL_SHARE * reference_n)
+        .max(touch_n)
 }
 
 /// Stiffest contact expected before one was measured, N/m.

@@ -95,9 +95,27 @@ impl Tracking {
         (self.clock_s >= lift.start_s).then_some(lift)
     }
 
-    /// Goes on at the end of the lift that is due, with the reference at `start` (m).
-    pub(crate) fn land(&mut self, path: &Path, start: Vector3<f64>) {
-        if let Some(lift) = path.lift(self.lifts_done) {
+    /// Where a tool that has left the surface lands, in the path's plane: at `past_s` on the path's
+    /// clock, or after the lift that is due.
+    pub(crate) fn landing(&self, path: &Path, past_s: Option<f64>) -> Option<Vector2<f64>> {
+        match past_s {
+            Some(past_s) => Some(path.at(past_s).position + self.aside),
+            None => self.at_lift(path).map(|lift| lift.to),
+        }
+    }
+
+    /// Time on the path's clock, s, at which it goes on past something that is `length_m` long.
+    pub(crate) fn past_s(&self, path: &Path, length_m: f64) -> f64 {
+        let end_s = path.slides_until_s(self.lifts_done);
+        path.ahead_s(self.clock_s, end_s, length_m)
+    }
+
+    /// Goes on at `past_s`, or else at the end of the lift that is due, with the reference at
+    /// `start` (m).
+    pub(crate) fn land(&mut self, path: &Path, past_s: Option<f64>, start: Vector3<f64>) {
+        if let Some(past_s) = past_s {
+            self.clock_s = past_s;
+        } else if let Some(lift) = path.lift(self.lifts_done) {
             self.clock_s = lift.end_s;
             self.lifts_done += 1;
         }

@@ -3,6 +3,7 @@
 //! A path starts at the origin (where the tool touched down) and is drawn in the plane's x and y.
 //! The controller maps the plane to the surface: see `tracking`.
 
+mod ahead;
 mod chain;
 mod force_profile;
 mod lifts;

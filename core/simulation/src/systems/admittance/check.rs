@@ -130,6 +130,12 @@ pub(super) fn check(config: &AdmittancePlantConfig) -> Result<(), PlantError> {
             allowed,
         });
     }
+    if let Some(camera) = &config.depth_camera {
+        camera.check()?;
+        if config.base.is_some() {
+            return Err(PlantError::CameraOnPlatform);
+        }
+    }
     if let Some(compliance) = &tool.compliance {
         let z = compliance.stiffness_n_per_m[2];
         value(

@@ -5,6 +5,7 @@
 //! samples of the period that ended and an estimate of the previous cycle, and its command takes
 //! effect in the next period.
 
+use nalgebra::Vector3;
 use tangent_control::{
     CommandKind, ContactSign, ControlError, ControlInput, ControlOutput, Controller,
     ControllerConfig, ControllerWord, EstimateInput, Limits, MAX_ESTIMATORS, Memory, Program, Task,
@@ -259,6 +260,12 @@ impl AdmittanceLoop {
     /// Puts an obstacle in the way of a tool that leaves the surface under it.
     pub fn put_in_the_way(&mut self, obstacle: Obstacle) {
         self.plant.put_in_the_way(obstacle);
+    }
+
+    /// Pushes on the tool's origin with a force (base axes, N) from now on, as a person's hand
+    /// does.
+    pub fn push_by_hand(&mut self, force: Vector3<f64>) {
+        self.plant.push_by_hand(force);
     }
 
     /// The controller, for pausing, switching and stopping.

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
 use tangent_mechanics::{
-    Arm, Flange, Joints, ModelData, Pose, Sensor as SensorFrame, Tool, Wrench,
+    Arm, Base, Flange, Joints, ModelData, Pose, Sensor as SensorFrame, Tool, Wrench,
 };
 
 use super::check::check;
@@ -21,6 +21,7 @@ use crate::sensors::sample::SensorSample;
 use crate::start;
 use crate::surfaces::Surface;
 use crate::touch::Touch;
+use crate::true_value::True;
 use crate::truth::Truth;
 
 /// The simulated cell.
@@ -199,6 +200,12 @@ impl AdmittancePlant {
         self.touch.put_in_the_way(obstacle);
     }
 
+    /// Pushes on the tool's origin with a force (base axes, N) from now on, as a person's hand
+    /// does.
+    pub fn push_by_hand(&mut self, force: Vector3<f64>) {
+        self.touch.push_by_hand(force);
+    }
+
     /// All sensor records of the last period, oldest first.
     pub fn sensor_samples(&self) -> &[SensorSample] {
         self.sensor.records()
@@ -259,6 +266,11 @@ impl AdmittancePlant {
         self.flange_from_tool
     }
 
+    /// True pose of the tool on the flange, without the tool's deflection.
+    pub fn true_flange_from_tool(&self) -> True<Pose<Flange, Tool>> {
+        True::new(self.true_flange_from_tool)
+    }
+
     /// `flange_from_sensor` as stated.
     pub fn flange_from_sensor(&self) -> Pose<Flange, SensorFrame> {
         Pose::from_isometry(self.config.tool.flange_from_sensor.isometry())
@@ -267,6 +279,11 @@ impl AdmittancePlant {
     /// True joint positions, rad.
     pub fn joints(&self) -> Joints<6> {
         self.servo.q
+    }
+
+    /// True pose of the flange: where a camera on it is, whatever the encoders measure.
+    pub fn true_base_from_flange(&self) -> True<Pose<Base, Flange>> {
+        True::new(self.arm.base_from_flange(&self.servo.q))
     }
 
     /// Current zero of the sensor (N, Nm, sensor axes): what an ideal tare would remove.

@@ -7,6 +7,7 @@ use crate::arms::platform::PlatformConfig;
 use crate::arms::servo::ServoConfig;
 use crate::contact::ContactConfig;
 use crate::hardware_errors::HardwareErrors;
+use crate::sensors::depth_camera::DepthCameraConfig;
 use crate::sensors::force_torque::SensorConfig;
 use crate::start::StartConfig;
 use crate::surfaces::SurfaceConfig;
@@ -44,6 +45,10 @@ pub struct AdmittancePlantConfig {
     /// The mobile platform under the arm; a fixed base when absent.
     #[serde(default)]
     pub base: Option<PlatformConfig>,
+    /// A depth camera on the flange, whose images a live cell publishes. `evaluate` has no use for
+    /// them. None when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_camera: Option<DepthCameraConfig>,
 }
 
 fn default_robot() -> String {

@@ -293,6 +293,11 @@ impl<const N: usize> VisuoTactilePlant<N> {
         self.stated.flange_from_tool
     }
 
+    /// True pose of the tool on the flange.
+    pub fn true_flange_from_tool(&self) -> True<Pose<Flange, Tool>> {
+        self.flange_from_tool
+    }
+
     /// True pose of the flange: where a camera on it is, whatever the encoders measure.
     pub fn true_base_from_flange(&self) -> True<Pose<Base, Flange>> {
         True::new(self.arm.model().base_from_flange(&self.arm.q))

@@ -169,6 +169,8 @@ pub struct PaceConfig {
     /// Load along the surface, beyond 1.5 times the friction that the contact has shown, from which
     /// the path stops and the tool gives way, N; 0: never.
     pub side_least_n: f64,
+    /// Length of the path over which the tool lifts where something stands in the way, m; 0: never.
+    pub over_m: f64,
     /// Lowest speed because of an uncertain normal, m/s.
     pub speed_min_m_per_s: f64,
     /// Radius of the first circle of the exploration after a touch, m; 0: none.
@@ -285,6 +287,7 @@ impl Default for PaceConfig {
             force_share: 0.0,
             excess_share: 0.4,
             side_least_n: 2.0,
+            over_m: 0.03,
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
             explore_above_rad: 0.045,
@@ -357,6 +360,7 @@ impl Presets for ControllerConfig {
                 force_share: 0.0,
                 excess_share: 0.0,
                 side_least_n: 0.0,
+                over_m: 0.0,
                 explore_radius_m: 0.0,
                 ..default.pace
             },

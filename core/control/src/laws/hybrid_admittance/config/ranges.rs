@@ -72,6 +72,7 @@ const RANGES: Ranges = &[
             ("force_share", 0.0, 5.0),
             ("excess_share", 0.0, 5.0),
             ("side_least_n", 0.0, 100.0),
+            ("over_m", 0.0, 0.2),
             ("speed_min_m_per_s", 0.0005, 0.1),
             ("explore_radius_m", 0.0, 0.02),
             ("explore_above_rad", 0.001, 1.0),

@@ -36,6 +36,7 @@ impl<const N: usize> HybridDynamics<N> {
             force_n: now.tool.rotate(&input.wrench.force).dot(normal),
             reference_n: self.task.program.task.force.reference_n,
             stiffness_n_per_m: None,
+            gives_way: false,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
             depth: None,

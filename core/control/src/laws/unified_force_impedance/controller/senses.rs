@@ -100,6 +100,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             force_n: now.tool.rotate(&force).dot(&normal),
             reference_n: self.task.program.task.force.reference_n,
             stiffness_n_per_m: None,
+            gives_way: false,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
             depth: None,

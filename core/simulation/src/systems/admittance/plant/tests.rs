@@ -35,6 +35,7 @@ fn on_a_plane() -> AdmittancePlantConfig {
             seed_rad: None,
         },
         base: None,
+        depth_camera: None,
         errors: Default::default(),
     }
 }
