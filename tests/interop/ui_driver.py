@@ -34,6 +34,8 @@ def browser(name, phone=False):
     options.binary_location = BROWSER
     # The phone has no WebGL, as some have: the page works without the arm in space.
     drawing = ["--disable-3d-apis"] if phone else ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    # As on a machine without a graphics card: only the arm in space is drawn by its software.
+    drawing += ["--disable-gpu-compositing", "--disable-accelerated-2d-canvas"]
     for argument in ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1024,800", *drawing]:
         options.add_argument(argument)
     if phone:

@@ -6,6 +6,7 @@ import { Teaching } from "./teach.js";
 import { load, say } from "./texts.js";
 
 const OLD_MS = 1000;
+const WORDS_MS = 200;
 const STOP_TRIES_MS = 6000;
 const LEVELS = { good: "", warn: "warn", bad: "bad" };
 
@@ -18,6 +19,7 @@ let scene = null;
 let teaching = null;
 let newest = null;
 let newest_at = -Infinity;
+let worded_at = -Infinity;
 let refused = "";
 let last_command = null;
 let dose = { epoch: 0, revision: 0, asking: false, at: 0 };
@@ -131,8 +133,10 @@ function take(snapshot) {
   scene?.show(snapshot.space);
   ask_dose(snapshot.dose);
   teaching?.take(snapshot.teach);
-  // Words need not change more often than they can be read.
-  if (snapshot.number % 5 === 0 || !$("lights").childElementCount) {
+  // Words need not change more often than they can be read. Not every fifth snapshot: a slow browser
+  // sees few of them.
+  if (newest_at - worded_at > WORDS_MS) {
+    worded_at = newest_at;
     show_lights(snapshot.lights);
     show_estimators(snapshot.estimators, snapshot.task);
   }

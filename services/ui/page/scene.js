@@ -6,10 +6,13 @@ import { OrbitControls } from "./vendor/OrbitControls.js";
 const CELLS_MAX = 16384;
 const HOLES_MAX = 4096;
 const METRES_PER_N = 0.02;
+// A picture that takes longer is followed by a rest, so many times as long.
+const SMOOTH_MS = 20;
 const REST = 3;
 const UP = new THREE.Vector3(0, 1, 0);
 const OUT = new THREE.Vector3(0, 0, 1);
 
+const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 const vector = (numbers) => new THREE.Vector3(...numbers);
 const colour = (name) => new THREE.Color(getComputedStyle(document.documentElement).getPropertyValue(name).trim());
 
@@ -80,18 +83,36 @@ export class ArmScene {
     this.ask();
   }
 
-  // Draws once, soon: without a graphics card, drawing takes a quarter of the time at most.
+  // Draws soon.
   ask() {
-    if (this.asked) return;
-    this.asked = true;
-    const rest = (this.drawn ?? 0) + REST * (this.took ?? 0) - performance.now();
-    setTimeout(() => requestAnimationFrame(() => {
-      this.asked = false;
+    this.stale = true;
+    if (!this.drawing) this.draw();
+  }
+
+  // Draws as long as something is new. Without a graphics card, drawing takes a quarter of the time
+  // at most.
+  async draw() {
+    this.drawing = true;
+    while (this.stale) {
+      await new Promise(requestAnimationFrame);
+      this.stale = false;
       const began = performance.now();
       this.renderer.render(this.scene, this.camera);
-      this.drawn = performance.now();
-      this.took = this.drawn - began;
-    }), Math.max(0, rest));
+      await this.finished();
+      const took = performance.now() - began;
+      if (took > SMOOTH_MS) await sleep(REST * took);
+    }
+    this.drawing = false;
+  }
+
+  // Waits until the picture is drawn: `render` only says what is to be drawn.
+  async finished() {
+    const gl = this.renderer.getContext();
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    // A lost context has no fence, or one without a status.
+    while (fence && gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.UNSIGNALED) await sleep(4);
+    gl.deleteSync(fence);
   }
 
   show(space) {

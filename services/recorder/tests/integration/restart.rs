@@ -109,12 +109,15 @@ fn what_was_published_while_no_recorder_ran_is_recorded_once() {
         let file = files(folder.path())[0].clone();
         let bytes = std::fs::read(&file).unwrap();
         std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
+        let unrecorded = states.sequence();
         publish(&states, Duration::from_secs(2));
+        let unrecorded = states.sequence() - unrecorded;
         let second = Recorder::start(&cell, folder.path(), 1 << 16);
         publish(&states, Duration::from_secs(3));
         let last = states.sequence();
         let summary = second.end();
-        assert!(summary.recovered > 1000, "{summary:?}");
+        // A busy machine publishes fewer of them, and the truncated file lost some more.
+        assert!(summary.recovered > unrecorded, "{unrecorded}: {summary:?}");
         assert_eq!((summary.missing, summary.lost()), (0, 0));
         assert_whole(&sequences(folder.path()), last);
 
