@@ -5,7 +5,7 @@ use super::force_law::ForceSample;
 use super::interface::ControlInput;
 use super::pace::{
     ForceLoop, blind_factor, deviation_along_rad, deviation_max_rad, excess_factor, force_factor,
-    speed_bound, turn_bound,
+    obstacle_bound, speed_bound, turn_bound,
 };
 use super::percept::Percept;
 use super::run::Run;
@@ -99,6 +99,7 @@ pub(super) fn wanted_twist<const N: usize>(
                 run,
                 program,
                 config,
+                limits,
                 percept,
                 reference_n,
                 factor * way.speed_share,
@@ -248,12 +249,14 @@ fn force_loop(run: &Run, config: &ControllerConfig, reference_n: f64) -> ForceLo
 }
 
 /// Velocity along the surface: of the exploration, or of the path at the speed that the certainty
-/// of the normal allows. `factor` is 1 at the path's own speed and 0 to stand. What slows the tool
+/// of the normal, and what may stand in the way, allow. `factor` is 1 at the path's own speed and 0 to stand. What slows the tool
 /// down leaves it at least `speed_min_m_per_s`: a slower one feels nothing of the normal.
+#[allow(clippy::too_many_arguments)] // One cycle's whole state, as in `wanted_twist`.
 fn along_path(
     run: &mut Run,
     program: &Program,
     config: &ControllerConfig,
+    limits: &Limits,
     percept: &Percept,
     reference_n: f64,
     factor: f64,
@@ -318,6 +321,8 @@ fn along_path(
         factor = factor.min(bound / path_speed.max(1e-6))
             * blind_factor(&config.pace, error_n, reference_n);
     }
+    let bound = obstacle_bound(&config.pace, limits.force_max_n, &force);
+    factor = factor.min(bound / path_speed.max(1e-6));
     if factor > 0.0 {
         factor = factor.max(least);
     }

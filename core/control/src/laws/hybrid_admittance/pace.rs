@@ -5,6 +5,10 @@
 //! error of `s v k T / delay_margin`. Contact holds while that stays below the reference, so
 //! `v ≤ share F / (k T s)`.
 //!
+//! Nobody knows what stands in the way of a tool on a surface that nobody has modelled. A ledge is
+//! felt one delay `T` late, with `v k T` more force: the speed stays below that which would reach
+//! the limit of the force.
+//!
 //! Whatever the reason, a force far off its reference says that the surface is not where the normal
 //! in use expects it: the path slows down until the force is back.
 //!
@@ -56,6 +60,18 @@ pub(crate) fn speed_bound(config: &PaceConfig, deviation_rad: f64, force: &Force
     let slope = SLOPE_SD * deviation_rad;
     let give = force.stiffness_n_per_m * force.delay_s * slope;
     let bound = config.slope_share * force.reference_n / give.max(f64::MIN_POSITIVE);
+    bound.max(config.speed_min_m_per_s)
+}
+
+/// Highest speed, m/s, at which something in the way takes no more than `hit_share` of the force
+/// from the reference to the limit `force_max_n`, until the arm answers: it moves on at this speed
+/// for one delay of the loop.
+pub(crate) fn obstacle_bound(config: &PaceConfig, force_max_n: f64, force: &ForceLoop) -> f64 {
+    if config.hit_share <= 0.0 {
+        return f64::INFINITY;
+    }
+    let room_n = config.hit_share * (force_max_n - force.reference_n).max(0.0);
+    let bound = room_n / (force.stiffness_n_per_m * force.delay_s);
     bound.max(config.speed_min_m_per_s)
 }
 
@@ -200,6 +216,29 @@ mod tests {
             ..config
         };
         assert_eq!(speed_bound(&off, 0.175, &FORCE), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_ledge_on_a_stiff_surface_stays_below_the_limit_of_the_force() {
+        let config = PaceConfig::default();
+        let bound = |force| obstacle_bound(&config, 43.0, force);
+        // 40 N on 50 kN/m are 0.8 mm, in 40 ms.
+        assert!((bound(&FORCE) / config.hit_share - 0.02).abs() < 1e-12);
+        let soft = ForceLoop {
+            stiffness_n_per_m: 1000.0,
+            ..FORCE
+        };
+        assert!(bound(&soft) > 0.1);
+        let at_the_limit = ForceLoop {
+            reference_n: 50.0,
+            ..FORCE
+        };
+        assert_eq!(bound(&at_the_limit), config.speed_min_m_per_s);
+        let off = PaceConfig {
+            hit_share: 0.0,
+            ..config
+        };
+        assert_eq!(obstacle_bound(&off, 43.0, &FORCE), f64::INFINITY);
     }
 
     #[test]

@@ -161,6 +161,9 @@ pub struct PaceConfig {
     /// Share of the reference that a force error from an unknown slope may take; it bounds the
     /// path's speed. 0: the path runs at its own speed however uncertain the normal is.
     pub slope_share: f64,
+    /// Share of the force between the reference and `limits.force_max_n` that something in the way
+    /// may take before the arm answers; it bounds the path's speed. 0: no bound.
+    pub hit_share: f64,
     /// Force error, as a share of the reference, from which the path slows down; 0: never.
     pub force_share: f64,
     /// Force above its reference, as a share of it, from which the path slows down, to a fifth of
@@ -284,6 +287,7 @@ impl Default for PaceConfig {
     fn default() -> Self {
         Self {
             slope_share: 0.35,
+            hit_share: 1.0,
             force_share: 0.0,
             excess_share: 0.4,
             side_least_n: 2.0,
@@ -357,6 +361,7 @@ impl Presets for ControllerConfig {
             },
             pace: PaceConfig {
                 slope_share: 0.0,
+                hit_share: 0.0,
                 force_share: 0.0,
                 excess_share: 0.0,
                 side_least_n: 0.0,

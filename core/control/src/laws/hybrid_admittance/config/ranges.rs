@@ -69,6 +69,7 @@ const RANGES: Ranges = &[
         "pace",
         &[
             ("slope_share", 0.0, 2.0),
+            ("hit_share", 0.0, 10.0),
             ("force_share", 0.0, 5.0),
             ("excess_share", 0.0, 5.0),
             ("side_least_n", 0.0, 100.0),
