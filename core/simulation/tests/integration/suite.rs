@@ -92,7 +92,8 @@ fn a_round_tip_in_a_corner_does_not_chatter() {
 }
 
 /// Steps that the tool runs into on stiff cells: the answer to a load along the surface takes a
-/// fifth to a half of the true peak away, and lets the first of them complete its path.
+/// fifth to a half of the true peak away, and lets the first of them complete its path. The path
+/// keeps the speed of the task, as far as the normal is certain.
 #[test]
 fn a_ledge_is_not_pushed_as_if_it_were_friction() {
     for (number, drawn) in [
@@ -102,13 +103,36 @@ fn a_ledge_is_not_pushed_as_if_it_were_friction() {
     ] {
         let draw = draw(SurfaceKind::Step, number, SEED);
         assert!(draw.to_string().contains(drawn), "{draw}");
-        let off = ["control.pace.side_least_n=0.0".to_owned()];
-        let without = run(&draw.clone().with_overrides(&off).unwrap()).unwrap();
-        let with = run(&draw).unwrap();
+        let fast = "control.pace.hit_share=0.0".to_owned();
+        let off = "control.pace.side_least_n=0.0".to_owned();
+        let without = run(&draw.clone().with_overrides(&[fast.clone(), off]).unwrap()).unwrap();
+        let with = run(&draw.clone().with_overrides(&[fast]).unwrap()).unwrap();
         assert!(with.completed || number != 15, "{draw}: {:?}", with.fault);
         let (with_n, without_n) = (with.peak_n, without.peak_n);
         assert!(
             with_n < 0.8 * without_n,
+            "{draw}: {with_n} N, {without_n} N"
+        );
+    }
+}
+
+/// Stiff cells whose tasks ask for more speed than the arm can answer for: a speed below which a
+/// ledge or a wave stays within the limit of the force takes a quarter of the true peak away.
+#[test]
+fn a_path_is_no_faster_than_the_arm_can_answer() {
+    for (surface, number) in [
+        (SurfaceKind::WavedSheet, 95),
+        (SurfaceKind::Step, 94),
+        (SurfaceKind::Edge, 5),
+    ] {
+        let draw = draw(surface, number, SEED);
+        let off = ["control.pace.hit_share=0.0".to_owned()];
+        let without = run(&draw.clone().with_overrides(&off).unwrap()).unwrap();
+        let with = run(&draw).unwrap();
+        assert!(with.completed, "{draw}: {:?}", with.fault);
+        let (with_n, without_n) = (with.peak_n, without.peak_n);
+        assert!(
+            with_n < 0.75 * without_n,
             "{draw}: {with_n} N, {without_n} N"
         );
     }
@@ -124,7 +148,7 @@ fn a_touch_in_the_air_does_not_withdraw_the_zero() {
 /// behind it.
 #[test]
 fn a_pad_lifts_over_a_ledge_that_it_cannot_climb() {
-    for number in [35, 63, 89, 95] {
+    for number in [35, 89, 95] {
         let draw = draw(SurfaceKind::Step, number, SEED);
         assert!(!draw.to_string().contains("tip round"), "{draw}");
         let stays = ["control.pace.over_m=0.0".to_owned()];
