@@ -249,8 +249,9 @@ fn force_loop(run: &Run, config: &ControllerConfig, reference_n: f64) -> ForceLo
 }
 
 /// Velocity along the surface: of the exploration, or of the path at the speed that the certainty
-/// of the normal, and what may stand in the way, allow. `factor` is 1 at the path's own speed and 0 to stand. What slows the tool
-/// down leaves it at least `speed_min_m_per_s`: a slower one feels nothing of the normal.
+/// of the normal, and what may stand in the way, allow. `factor` is 1 at the path's own speed and 0
+/// to stand. What slows the tool down leaves it at least `speed_min_m_per_s`: a slower one feels
+/// nothing of the normal.
 #[allow(clippy::too_many_arguments)] // One cycle's whole state, as in `wanted_twist`.
 fn along_path(
     run: &mut Run,
