@@ -93,16 +93,20 @@ export class ArmScene {
   // at most.
   async draw() {
     this.drawing = true;
-    while (this.stale) {
-      await new Promise(requestAnimationFrame);
-      this.stale = false;
-      const began = performance.now();
-      this.renderer.render(this.scene, this.camera);
-      await this.finished();
-      const took = performance.now() - began;
-      if (took > SMOOTH_MS) await sleep(REST * took);
+    try {
+      while (this.stale) {
+        await new Promise(requestAnimationFrame);
+        this.stale = false;
+        const began = performance.now();
+        this.renderer.render(this.scene, this.camera);
+        await this.finished();
+        const took = performance.now() - began;
+        if (took > SMOOTH_MS) await sleep(REST * took);
+      }
+    } finally {
+      // What fails once is tried again with the next snapshot.
+      this.drawing = false;
     }
-    this.drawing = false;
   }
 
   // Waits until the picture is drawn: `render` only says what is to be drawn.
