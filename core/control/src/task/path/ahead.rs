@@ -12,20 +12,26 @@ const BISECTIONS: u32 = 20;
 /// after which it is a turn.
 const PAST_LEAST_M: f64 = 0.005;
 const BACK_M: f64 = 0.0005;
+/// Most steps of the search, which is done within one cycle: a minute of a path that hardly moves.
+const STEPS_MAX: u32 = 600;
 /// Rest of a path that is worth staying for, s.
 const STAYS_S: f64 = 1.0;
 
 impl Path {
     /// Time after `from_s`, s, at which the path is `length_m` away from where it is then, or the
     /// time of the first turn that is at least `PAST_LEAST_M` away. A path that ends before that,
-    /// at `end_s`, goes on at its end, and one that stays there for longer goes on from `from_s`.
-    /// Allocates nothing.
+    /// at `end_s`, goes on at its end, and one that stays there for longer goes on from `from_s`. A
+    /// path that is too slow to get so far within [`STEPS_MAX`] goes on at the place that is
+    /// furthest away until then. Allocates nothing.
     pub(crate) fn ahead_s(&self, from_s: f64, end_s: f64, length_m: f64) -> f64 {
         let here = self.at(from_s).position;
         let away_m = |time_s: f64| (self.at(time_s).position - here).norm();
         let (mut turn_s, mut turn_m) = (from_s, 0.0);
         let mut time_s = from_s;
-        while time_s < end_s {
+        for _ in 0..STEPS_MAX {
+            if time_s >= end_s {
+                break;
+            }
             // As far as a path at this speed takes for a part of the length.
             let speed = self.at(time_s).velocity.norm();
             let step_s = (STEP_SHARE * length_m / speed.max(f64::MIN_POSITIVE)).min(STEP_MAX_S);
@@ -42,7 +48,13 @@ impl Path {
             }
         }
         let stays = turn_m < PAST_LEAST_M && end_s > from_s + STAYS_S;
-        if stays { from_s } else { end_s }
+        if stays {
+            from_s
+        } else if time_s < end_s {
+            turn_s
+        } else {
+            end_s
+        }
     }
 }
 
@@ -100,5 +112,13 @@ mod tests {
     fn a_tool_that_presses_in_one_place_does_not_step_to_the_end() {
         let path = path("kind = \"stay\"\nduration_s = 60.0");
         assert_eq!(path.ahead_s(10.0, path.duration_s(), 0.03), 10.0);
+    }
+
+    #[test]
+    fn a_path_that_takes_hours_is_searched_for_a_minute() {
+        let path = path("kind = \"line\"\nto_m = [0.4, 0.0]\nspeed_m_per_s = 0.0002");
+        let to_s = path.ahead_s(100.0, path.duration_s(), 0.03);
+        assert!((to_s - 160.0).abs() < 0.2, "{to_s}");
+        assert!(path.at(to_s).position.x > path.at(100.0).position.x + PAST_LEAST_M);
     }
 }
