@@ -195,6 +195,11 @@ impl Learner {
         ahead
     }
 
+    /// Share of the estimates' normal that the memory's normal at `point` replaces.
+    fn turn_weight(&self, point: &SurfacePoint) -> f64 {
+        point.weight * self.trust.confirmed_share() * self.ramp
+    }
+
     /// What is fed forward while the path's clock stands: the tool keeps to the learnt normal.
     fn standing(&self, sample: &PassSample) -> Option<Feedforward> {
         let point = self.memory.at(sample.stroke, sample.distance_m)?;
@@ -202,7 +207,7 @@ impl Learner {
             speed_m_per_s: 0.0,
             normal: point.normal,
             turn_rate: Vector3::zeros(),
-            turn_weight: point.weight * self.trust.confirmed_share() * self.ramp,
+            turn_weight: self.turn_weight(&point),
         })
     }
 
@@ -231,7 +236,7 @@ impl Learner {
             speed_m_per_s: slope.dot(&sample.along) * weight,
             normal: (self.memory.at(sample.stroke, here_m)).map_or(point.normal, |p| p.normal),
             turn_rate: clamp_norm(turn, TURN_RATE_MAX_RAD_PER_S),
-            turn_weight: point.weight * self.trust.confirmed_share() * self.ramp,
+            turn_weight: self.turn_weight(&point),
         })
     }
 

@@ -17,6 +17,21 @@ fn runs(draws: &[Draw]) -> Vec<Judgement> {
     draws.iter().map(|draw| run(draw).unwrap()).collect()
 }
 
+/// Runs a draw with other settings.
+fn run_with(draw: &Draw, overrides: &[&str]) -> Judgement {
+    let overrides: Vec<_> = overrides.iter().map(|&one| one.to_owned()).collect();
+    run(&draw.clone().with_overrides(&overrides).unwrap()).unwrap()
+}
+
+/// The true peak of one run is below this share of the other's.
+fn assert_lower_peak(draw: &Draw, with: &Judgement, without: &Judgement, share: f64) {
+    let (with_n, without_n) = (with.peak_n, without.peak_n);
+    assert!(
+        with_n < share * without_n,
+        "{draw}: {with_n} N, {without_n} N"
+    );
+}
+
 /// Runs a draw that has to complete its path.
 fn completed(draw: &Draw) -> Judgement {
     let run = run(draw).unwrap();
@@ -103,16 +118,11 @@ fn a_ledge_is_not_pushed_as_if_it_were_friction() {
     ] {
         let draw = draw(SurfaceKind::Step, number, SEED);
         assert!(draw.to_string().contains(drawn), "{draw}");
-        let fast = "control.pace.hit_share=0.0".to_owned();
-        let off = "control.pace.side_least_n=0.0".to_owned();
-        let without = run(&draw.clone().with_overrides(&[fast.clone(), off]).unwrap()).unwrap();
-        let with = run(&draw.clone().with_overrides(&[fast]).unwrap()).unwrap();
+        let fast = "control.pace.hit_share=0.0";
+        let without = run_with(&draw, &[fast, "control.pace.side_least_n=0.0"]);
+        let with = run_with(&draw, &[fast]);
         assert!(with.completed || number != 15, "{draw}: {:?}", with.fault);
-        let (with_n, without_n) = (with.peak_n, without.peak_n);
-        assert!(
-            with_n < 0.8 * without_n,
-            "{draw}: {with_n} N, {without_n} N"
-        );
+        assert_lower_peak(&draw, &with, &without, 0.8);
     }
 }
 
@@ -126,15 +136,8 @@ fn a_path_is_no_faster_than_the_arm_can_answer() {
         (SurfaceKind::Edge, 5),
     ] {
         let draw = draw(surface, number, SEED);
-        let off = ["control.pace.hit_share=0.0".to_owned()];
-        let without = run(&draw.clone().with_overrides(&off).unwrap()).unwrap();
-        let with = run(&draw).unwrap();
-        assert!(with.completed, "{draw}: {:?}", with.fault);
-        let (with_n, without_n) = (with.peak_n, without.peak_n);
-        assert!(
-            with_n < 0.75 * without_n,
-            "{draw}: {with_n} N, {without_n} N"
-        );
+        let without = run_with(&draw, &["control.pace.hit_share=0.0"]);
+        assert_lower_peak(&draw, &completed(&draw), &without, 0.75);
     }
 }
 
@@ -151,8 +154,7 @@ fn a_pad_lifts_over_a_ledge_that_it_cannot_climb() {
     for number in [35, 89, 95] {
         let draw = draw(SurfaceKind::Step, number, SEED);
         assert!(!draw.to_string().contains("tip round"), "{draw}");
-        let stays = ["control.pace.over_m=0.0".to_owned()];
-        let without = run(&draw.clone().with_overrides(&stays).unwrap()).unwrap();
+        let without = run_with(&draw, &["control.pace.over_m=0.0"]);
         completed(&draw);
         assert!(!without.completed, "{draw}");
     }

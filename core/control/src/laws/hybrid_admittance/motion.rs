@@ -269,7 +269,8 @@ fn along_path(
         .force_n
         .map_or(0.0, |force_n| force_n - run.force.reference_n());
     let path_speed = program.task.path.speed_m_per_s();
-    let least = factor * (config.pace.speed_min_m_per_s / path_speed.max(1e-6)).min(1.0);
+    let of_path = |speed_m_per_s: f64| speed_m_per_s / path_speed.max(1e-6);
+    let least = factor * of_path(config.pace.speed_min_m_per_s).min(1.0);
     let with_force = factor
         * force_factor(&config.pace, error_n, reference_n)
         * excess_factor(&config.pace, error_n, reference_n);
@@ -313,17 +314,16 @@ fn along_path(
         if let Some(along) = run.tracking.direction(&program.path, &normal) {
             let deviation = deviation_along_rad(covariance, &along);
             let bound = speed_bound(&config.pace, deviation, &force);
-            factor = factor.min(bound / path_speed.max(1e-6));
+            factor = factor.min(of_path(bound));
         }
     } else if run.estimated {
         // The last normal becomes wrong with every millimetre. A tool that it leads off the surface
         // waits until it presses again, so that the estimator feels the surface.
         let bound = speed_bound(&config.pace, WITHHELD_SD_RAD, &force);
-        factor = factor.min(bound / path_speed.max(1e-6))
-            * blind_factor(&config.pace, error_n, reference_n);
+        factor = factor.min(of_path(bound)) * blind_factor(&config.pace, error_n, reference_n);
     }
     let bound = obstacle_bound(&config.pace, limits.force_max_n, &force);
-    factor = factor.min(bound / path_speed.max(1e-6));
+    factor = factor.min(of_path(bound));
     if factor > 0.0 {
         factor = factor.max(least);
     }

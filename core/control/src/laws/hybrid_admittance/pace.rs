@@ -52,13 +52,20 @@ pub(crate) struct ForceLoop {
     pub delay_s: f64,
 }
 
+impl ForceLoop {
+    /// Force that a speed into the surface adds until the loop answers, `k T`, N s/m.
+    fn rise_n_s_per_m(&self) -> f64 {
+        self.stiffness_n_per_m * self.delay_s
+    }
+}
+
 /// Highest speed in a direction in which the normal has this standard deviation, m/s.
 pub(crate) fn speed_bound(config: &PaceConfig, deviation_rad: f64, force: &ForceLoop) -> f64 {
     if config.slope_share <= 0.0 {
         return f64::INFINITY;
     }
     let slope = SLOPE_SD * deviation_rad;
-    let give = force.stiffness_n_per_m * force.delay_s * slope;
+    let give = force.rise_n_s_per_m() * slope;
     let bound = config.slope_share * force.reference_n / give.max(f64::MIN_POSITIVE);
     bound.max(config.speed_min_m_per_s)
 }
@@ -71,7 +78,7 @@ pub(crate) fn obstacle_bound(config: &PaceConfig, force_max_n: f64, force: &Forc
         return f64::INFINITY;
     }
     let room_n = config.hit_share * (force_max_n - force.reference_n).max(0.0);
-    let bound = room_n / (force.stiffness_n_per_m * force.delay_s);
+    let bound = room_n / force.rise_n_s_per_m();
     bound.max(config.speed_min_m_per_s)
 }
 
@@ -120,7 +127,7 @@ pub(crate) fn turn_bound(config: &PaceConfig, force_n: f64, force: &ForceLoop) -
     }
     // A tool that hardly presses loses contact sooner.
     let left_n = force_n.clamp(LEFT_SHARE * force.reference_n, force.reference_n);
-    let speed = config.slope_share * left_n / (force.stiffness_n_per_m * force.delay_s);
+    let speed = config.slope_share * left_n / force.rise_n_s_per_m();
     (speed / LEVER_M).max(TURN_MIN_RAD_PER_S)
 }
 
