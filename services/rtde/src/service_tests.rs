@@ -261,11 +261,19 @@ fn a_second_source_is_refused_by_name_and_takes_over_after_silence_without_movin
     let words = "controller/elsewhere-7 is refused: test/0 drives this arm";
     assert_eq!(begun.refusal_reason.as_str(), words);
     let mut state = begun.clone();
+    let (mut seen, mut at_speed) = (0, 0);
     while state.commands_refused < begun.commands_refused + 200 {
         assert_eq!(state.commanded_by.as_str(), "test/0");
-        assert_eq!(state.qd_target.first(), Some(&0.1));
+        // Commands that the machine makes late slow the arm down, never backwards.
+        let first = state.qd_target.first().unwrap();
+        assert!((0.0..=0.1).contains(first), "{state:?}");
+        seen += 1;
+        at_speed += u32::from(*first == 0.1);
         state = service.until("a state", |_| true);
     }
+    // The refused commands do not hold it up, unless silence has ended the task.
+    let is_latched = state.activation_latched > begun.activation_latched;
+    assert!(2 * at_speed > seen || is_latched, "{at_speed} of {seen}");
     loop {
         let told = health.recv_timeout(PATIENCE).expect("health").message;
         if told.fault == words {

@@ -3,6 +3,7 @@
 
 pub(crate) mod answer;
 pub(crate) mod direction;
+pub(crate) mod falling_away;
 pub mod faults;
 pub(crate) mod joint_guard;
 pub(crate) mod plausibility;

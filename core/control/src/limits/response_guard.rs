@@ -13,6 +13,7 @@ use tangent_sensing::Validity;
 
 use crate::limits::answer::{Answer, DepthRule, Pressed};
 use crate::limits::direction::{Aimed, Direction};
+use crate::limits::falling_away::{FallingAway, Felt};
 use crate::phase_machine::Phase;
 
 /// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
@@ -49,12 +50,6 @@ const TOUCHED_SHARE: f64 = 0.02;
 
 /// Share of the reference from which a tool that gives way presses as it should.
 const HELD_SHARE: f64 = 0.5;
-
-/// Time constant of the mean of the pressing force, s; shares of the reference that it has reached
-/// and below which it has fallen.
-const MEAN_S: f64 = 0.04;
-const REACHED_SHARE: f64 = 0.8;
-const FALLEN_SHARE: f64 = 0.7;
 
 /// What the tool does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,12 +154,7 @@ pub(crate) struct ResponseGuard {
     left: Option<(f64, Vector3<f64>)>,
     last: Option<Vector3<f64>>,
     tripped: Option<Validity>,
-    /// Means of the pressing force and of the whole force, N, and whether the first has reached its
-    /// reference in this task.
-    mean_n: f64,
-    whole_n: f64,
-    reached: bool,
-    fallen: bool,
+    fall: FallingAway,
 }
 
 impl ResponseGuard {
@@ -181,23 +171,24 @@ impl ResponseGuard {
                 dt_s: std::mem::take(&mut self.since_s),
                 ..*touch
             };
-            let share = touch.dt_s / (touch.dt_s + MEAN_S);
-            self.mean_n += (touch.force_n - self.mean_n) * share;
-            let whole_n = touch.wrench.fixed_rows::<3>(0).norm();
-            self.whole_n += (whole_n - self.whole_n) * share;
-            self.reached |=
-                touch.doing == Doing::Pressing && self.mean_n >= REACHED_SHARE * touch.reference_n;
-            // A force that has only turned aside is not less: that is the sensor, not the surface.
-            let fallen =
-                self.reached && self.mean_n.max(self.whole_n) < FALLEN_SHARE * touch.reference_n;
+            let presses_less = self.fall.presses_less(&Felt {
+                pressing: touch.doing == Doing::Pressing,
+                force_n: touch.force_n,
+                whole_n: touch.wrench.fixed_rows::<3>(0).norm(),
+                reference_n: touch.reference_n,
+                dt_s: touch.dt_s,
+            });
             let dead = self.stands_still(touch, &step)
                 | self.does_not_follow(touch, &step)
                 | self.stays_while_leaving(touch);
             let aside = self.points_aside(touch, &step);
             let found = match (dead, aside) {
                 // The tool moved in, and what was pressed is no longer there: the surface's doing.
-                _ if fallen && touch.depth.is_some() && touch.doing == Doing::Pressing => {
-                    self.fallen |= dead || aside;
+                _ if presses_less && touch.depth.is_some() => {
+                    if self.fall.looks_again(dead || aside, touch.dt_s) {
+                        (self.still, self.direction) = (None, None);
+                        self.end_answer();
+                    }
                     None
                 }
                 (true, _) => Some(Validity::Unresponsive),
@@ -209,10 +200,22 @@ impl ResponseGuard {
         self.tripped.unwrap_or(Validity::Valid)
     }
 
-    /// Whether the tool had pressed with its reference, and has then moved in, or been held aside,
-    /// with much less: the surface ends or falls away there.
+    /// Whether the surface may end here, or be steeper than the normal in use says: the path should
+    /// stand until the force is back.
+    pub fn doubts_surface(&self) -> bool {
+        self.fall.is_doubted()
+    }
+
+    /// Whether the surface ends or falls away here.
     pub fn has_fallen_away(&self) -> bool {
-        self.fallen
+        self.fall.has_ended()
+    }
+
+    /// Ends the comparison of force and depth, and keeps the stiffness that it has shown.
+    fn end_answer(&mut self) {
+        if let Some(answer) = self.answer.take() {
+            self.stiffness_n_per_m = answer.stiffness_n_per_m().or(self.stiffness_n_per_m);
+        }
     }
 
     /// Whether the force points where no contact can press.
@@ -272,9 +275,7 @@ impl ResponseGuard {
     /// Whether the tool goes deeper while the mean of the noisy reading does not rise.
     fn does_not_follow(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
         if !touch.presses(TOUCHED_SHARE) {
-            if let Some(answer) = self.answer.take() {
-                self.stiffness_n_per_m = answer.stiffness_n_per_m().or(self.stiffness_n_per_m);
-            }
+            self.end_answer();
             return false;
         }
         let Some(rule) = touch.depth else {
@@ -458,6 +459,54 @@ mod tests {
         };
         assert_eq!(run(0.02), None);
         assert!(run(0.0).is_some_and(|way| way < 2.1e-3));
+    }
+
+    /// A guard whose tool has pressed with its reference, and has then moved in with half of it
+    /// until the guard doubts the surface; and the depth then, m.
+    fn doubting() -> (ResponseGuard, f64) {
+        let mut guard = ResponseGuard::default();
+        for k in 0..150 {
+            let x = 2e-4 * f64::from(k.min(100));
+            let force = if k < 100 { 3.0 } else { 1.5 };
+            guard.step(&touch(Doing::Pressing, 0.0, x, force));
+        }
+        assert!(!guard.doubts_surface());
+        for k in 1..1000 {
+            let depth = 5e-5 * f64::from(k);
+            let verdict = guard.step(&touch(Doing::Pressing, depth, 0.02, 1.5));
+            assert_eq!(verdict, Validity::Valid);
+            if guard.doubts_surface() {
+                assert!(!guard.has_fallen_away());
+                return (guard, depth);
+            }
+        }
+        panic!("no doubt");
+    }
+
+    #[test]
+    fn a_surface_where_the_force_comes_back_has_not_ended() {
+        let (mut guard, depth) = doubting();
+        for k in 1..1000 {
+            let force = (1.5 + 0.02 * f64::from(k)).min(3.0);
+            let deeper = depth + 2e-5 * f64::from(k.min(75));
+            let verdict = guard.step(&touch(Doing::Pressing, deeper, 0.02, force));
+            assert_eq!(verdict, Validity::Valid);
+            assert!(!guard.has_fallen_away());
+        }
+        assert!(!guard.doubts_surface());
+    }
+
+    #[test]
+    fn a_surface_into_which_the_tool_goes_on_when_the_path_stands_has_ended() {
+        let (mut guard, depth) = doubting();
+        let way = (1..1000).find_map(|k| {
+            let way = 5e-5 * f64::from(k);
+            let verdict = guard.step(&touch(Doing::Pressing, depth + way, 0.02, 1.5));
+            assert_eq!(verdict, Validity::Valid);
+            guard.has_fallen_away().then_some(way)
+        });
+        // 6 mm/s for 0.2 s while the path brakes, and as far again as before.
+        assert!(way.is_some_and(|way| way < 2e-3), "{way:?} after {depth}");
     }
 
     #[test]

@@ -4,10 +4,11 @@
 use nalgebra::Vector3;
 
 use super::ContactFilter;
+use super::compliance::given;
 use super::learnt_noise::FLUCTUATION_LENGTH_M;
 use super::state::{
     BIAS, ContactFilterState, FRICTION, GIVE, HEIGHT, NORMAL, ROTATION, Row, SHAPE, SurfaceState,
-    WEIGHT, given,
+    WEIGHT,
 };
 use crate::motion::Motion;
 

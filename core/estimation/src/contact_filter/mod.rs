@@ -16,6 +16,7 @@
 //!
 //! [`ContactFilter`] is plain configuration; all memory is in [`ContactFilterState`].
 
+mod compliance;
 mod learnt_noise;
 mod measurements;
 mod residual;
@@ -118,6 +119,7 @@ impl ContactFilter {
         state.centre.position += motion.rotation * state.surface.tip_m;
         self.travel(state, motion);
         state.force_n = state.surface.frame.normal.dot(&force);
+        state.stiffen(&contact.tip, contact.force_off_n);
 
         let velocity = motion.velocity + motion.angular.cross(&state.centre.position);
         let normal = state.surface.frame.normal;

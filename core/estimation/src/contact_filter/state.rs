@@ -33,22 +33,7 @@ pub(crate) enum ContactPhase {
 }
 
 /// Range of a measured compliance, m/N. Values outside are clamped.
-const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
-/// Largest compliance across the tool's axis over the one that was measured: a tip that slid
-/// meanwhile moved further than its tool gave.
-const ACROSS_MOST: f64 = 1.2;
-/// Uncertainty of a compliance that was measured at touchdown, as a share of it.
-const GIVE_DOUBT: f64 = 0.4;
-/// Uncertainty of the compliance across the tool's axis, as a share of that along it.
-const GIVE_ACROSS_DOUBT: f64 = 1.5;
-/// Compliance across the axis and its standard deviation, as shares of the measured one, which is
-/// an upper bound: the tip may have slid meanwhile.
-const GIVE_ACROSS: (f64, f64) = (0.6, 0.4);
-/// Change of the force across from which that compliance is measured: share of the load, and N.
-const ACROSS_SHARE: f64 = 0.15;
-const ACROSS_MIN_N: f64 = 0.3;
-/// Standard deviation of a height that is not known, m.
-const HEIGHT_SD_M: f64 = 1e-3;
+pub(super) const COMPLIANCE_M_PER_N: (f64, f64) = (1e-5, 5e-3);
 /// Standard deviation of the tip's stated position along x, y and z, m.
 const TIP_SD_M: [f64; 3] = [6e-4, 6e-4, 1.2e-3];
 /// Time over which the reading of a pressing tool is averaged, s, and the share of it down to which
@@ -151,6 +136,8 @@ pub(super) struct Compliance {
     pub m_per_n: f64,
     /// Whether it was measured since the tare.
     pub is_measured: bool,
+    /// Pressing force up to which its change with the force is accounted for, N.
+    pub at_force_n: f64,
 }
 
 impl Touchdown {
@@ -190,6 +177,7 @@ impl ContactFilterState {
                 across_m_per_n: None,
                 m_per_n: config.sensing.compliance_m_per_n,
                 is_measured: false,
+                at_force_n: 0.0,
             },
         }
     }
@@ -235,58 +223,6 @@ impl ContactFilterState {
             pressing_information: 0.0,
             flush_information: 0.0,
         };
-    }
-
-    /// Measures the compliance: distance moved into the surface since touchdown, per force gained.
-    pub(super) fn learn_compliance(&mut self, motion: &Motion, pressing_n: f64) {
-        let gained_n = pressing_n - self.touch.force_n;
-        if gained_n < 0.3 * pressing_n {
-            return;
-        }
-        let z: Vector3<f64> = motion.rotation.column(2).into();
-        let measured = (motion.point_lagged - self.touch.point).dot(&z) / gained_n;
-        self.compliance = Compliance {
-            m_per_n: measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1),
-            is_measured: true,
-            ..self.compliance
-        };
-    }
-
-    /// Begins to measure heights over the surface: the tool starts to slide.
-    pub(super) fn begin_heights(&mut self, motion: &Motion) {
-        let normal = motion.rotation.tr_mul(&self.normal_at_centre());
-        let force = self.force_in_tool(motion);
-        let compliance = self.compliance;
-        self.surface
-            .begin_heights(compliance.m_per_n, compliance.is_measured, &normal, &force);
-        if let Some(across) = compliance.across_m_per_n {
-            self.surface.set_give_across(across);
-        }
-    }
-
-    /// Measures the compliance across the tool's axis: a tip that still sticks moves by nothing
-    /// else, and one that slides moves further. The least motion per force counts.
-    pub(super) fn learn_compliance_across(&mut self, motion: &Motion, load_n: f64) {
-        let Some((point, force)) = self.slide.rest else {
-            return;
-        };
-        let normal = self.surface.frame.normal;
-        let across = |v: Vector3<f64>| (v - normal * normal.dot(&v)).norm();
-        let gained_n = across(self.force(motion) - force);
-        if gained_n < (ACROSS_SHARE * load_n).max(ACROSS_MIN_N) {
-            return;
-        }
-        let measured = across(motion.point_lagged - point) / gained_n;
-        let measured = measured.clamp(COMPLIANCE_M_PER_N.0, COMPLIANCE_M_PER_N.1);
-        if self
-            .compliance
-            .across_m_per_n
-            .is_some_and(|old| measured > 0.95 * old)
-        {
-            return;
-        }
-        self.compliance.across_m_per_n = Some(measured);
-        self.surface.set_give_across(measured);
     }
 
     pub fn phase(&self) -> ContactPhase {
@@ -384,36 +320,11 @@ impl SurfaceState {
         self.restart(FRICTION, config.surface.friction_sd.powi(2));
     }
 
-    /// Begins to measure heights with the compliance found at touchdown: the tool stands on the
-    /// surface under the force `force` (tool axes, N) and the normal `normal` (tool axes).
-    pub fn begin_heights(
-        &mut self,
-        compliance_m_per_n: f64,
-        is_measured: bool,
-        normal: &Vector3<f64>,
-        force: &Vector3<f64>,
-    ) {
-        self.give_m_per_n = Vector2::repeat(compliance_m_per_n);
-        self.height_m = -self.give_m_per_n.dot(&given(normal, force));
-        let doubt = if is_measured { GIVE_DOUBT } else { 1.0 };
-        self.restart(HEIGHT, HEIGHT_SD_M.powi(2));
-        self.restart(GIVE, (doubt * compliance_m_per_n).powi(2));
-        self.restart(GIVE + 1, (GIVE_ACROSS_DOUBT * compliance_m_per_n).powi(2));
-    }
-
     /// Gives one state a new variance, without correlation with the others.
-    fn restart(&mut self, i: usize, variance: f64) {
+    pub fn restart(&mut self, i: usize, variance: f64) {
         self.covariance.row_mut(i).fill(0.0);
         self.covariance.column_mut(i).fill(0.0);
         self.covariance[(i, i)] = variance;
-    }
-
-    /// Sets the compliance across the tool's axis by a measurement, which includes the tip's own.
-    fn set_give_across(&mut self, measured_m_per_n: f64) {
-        let (share, sd) = GIVE_ACROSS;
-        self.give_m_per_n.y = share * measured_m_per_n;
-        self.give_across_most_m_per_n = (ACROSS_MOST * measured_m_per_n).min(COMPLIANCE_M_PER_N.1);
-        self.restart(GIVE + 1, (sd * measured_m_per_n).powi(2));
     }
 
     /// Resets normal and shape to the tool's axis and a flat surface, as at a first touchdown.
@@ -501,11 +412,4 @@ impl SurfaceState {
             Vector2::new(give.x.clamp(least, most), give.y.clamp(least, most_across));
         self.tip_m += change.fixed_rows::<3>(TIP);
     }
-}
-
-/// What the compliances along and across the tool's axis are multiplied by to give the motion of
-/// the contact along the `normal` under `force`; both in tool axes.
-pub(super) fn given(normal: &Vector3<f64>, force: &Vector3<f64>) -> Vector2<f64> {
-    let along = normal.z * force.z;
-    Vector2::new(along, normal.dot(force) - along)
 }

@@ -45,12 +45,7 @@ fn ask(cell: &Cell, key: &str, payload: &[u8], from: Option<Vec<u8>>) -> Vec<(Ve
 
 fn trigger(cell: &Cell, service: &str, sequence: i64) -> TriggerResponse {
     let key = cell.service_key(service, TRIGGER);
-    // A client of ROS waits for the service, too.
-    let mut replies = Vec::new();
-    crate::common::until("the service is there", || {
-        replies = ask(cell, &key, &EMPTY, Some(attachment(sequence, 7, GID)));
-        !replies.is_empty()
-    });
+    let replies = ask(cell, &key, &EMPTY, Some(attachment(sequence, 7, GID)));
     let [(payload, from)] = &replies[..] else {
         panic!("{} replies", replies.len());
     };

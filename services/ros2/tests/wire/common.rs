@@ -51,6 +51,7 @@ impl Cell {
         let health = bus.subscribe(&topics::health("ros2"), 64).unwrap();
         let own = Bus::open_within(&config, Role::Client, PATIENCE).unwrap();
         let settings = Config::from_cell(&config, &JOINTS.map(str::to_owned)).unwrap();
+        let (services, inputs) = (settings.commands.len(), settings.inputs.len());
         let stop = Stop::new();
         let stopping = stop.clone();
         let service = std::thread::spawn(move || tangent_ros2::run(settings, own, stopping));
@@ -71,6 +72,12 @@ impl Cell {
             service: Some(service),
         };
         cell.until_health("running", |health| health.state == 1);
+        // Health comes in another session than the node, and may be there before it.
+        until("the services and inputs in the graph", || {
+            let tokens = cell.tokens();
+            let count = |kind| tokens.iter().filter(|token| token.contains(kind)).count();
+            count("/SS/") == services && count("/MS/") == inputs
+        });
         cell
     }
 

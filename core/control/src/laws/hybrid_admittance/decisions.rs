@@ -273,15 +273,19 @@ impl Run {
         self.ledge.step(self.gives_way, clock_s, dt_s)
     }
 
-    /// The cause of a fault: a force along the surface, at a rim or beside it, is that of the rim.
+    /// The cause of a fault. A force along the surface, at a rim or beside it, is that of the rim;
+    /// and so is a pressing force that does not answer while the tool, beside the surface, is held
+    /// aside.
     fn cause(&self, fault: Fault, percept: &Percept) -> Fault {
-        let aside = fault == Fault::Wrench(Validity::Misdirected);
-        let is_rim = self.losses.is_rim_at(&percept.position) || self.is_beside_surface(percept);
-        if aside && is_rim {
-            Fault::SurfaceEnds
-        } else {
-            fault
-        }
+        let is_beside = self.is_beside_surface(percept);
+        let is_rim = match fault {
+            Fault::Wrench(Validity::Misdirected) => {
+                is_beside || self.losses.is_rim_at(&percept.position)
+            }
+            Fault::Wrench(Validity::Unresponsive) => is_beside && self.felt.is_aside(),
+            _ => false,
+        };
+        if is_rim { Fault::SurfaceEnds } else { fault }
     }
 
     fn is_beside_surface(&self, percept: &Percept) -> bool {

@@ -40,7 +40,7 @@ impl Felt {
     }
 
     /// Whether the tool was held aside more than it pressed: by a rim.
-    fn is_aside(&self) -> bool {
+    pub fn is_aside(&self) -> bool {
         self.aside_n_s > self.pressing_n_s
     }
 }

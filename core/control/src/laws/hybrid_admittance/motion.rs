@@ -229,10 +229,12 @@ impl Run {
     }
 
     /// Whether the tool may explore while the force still builds up: it presses, the first force
-    /// has settled, and the stiffness, which is learnt only while the tool stands, is known.
+    /// has settled, the stiffness, which is learnt only while the tool stands, is known, and so is
+    /// that the surface goes on.
     fn may_explore(&self, config: &ControllerConfig, percept: &Percept) -> bool {
         let pressing_n = EXPLORE_FORCE_N.max(config.contact.noise_n);
         !self.paused
+            && !self.response.doubts_surface()
             && self.in_phase_s > EXPLORE_AFTER_S
             && percept.force_n.is_some_and(|force_n| force_n > pressing_n)
             && self.force.reference_n() > pressing_n
@@ -268,6 +270,11 @@ fn along_path(
     let error_n = percept
         .force_n
         .map_or(0.0, |force_n| force_n - run.force.reference_n());
+    let factor = if run.response.doubts_surface() {
+        0.0
+    } else {
+        factor
+    };
     let path_speed = program.task.path.speed_m_per_s();
     let of_path = |speed_m_per_s: f64| speed_m_per_s / path_speed.max(1e-6);
     let least = factor * of_path(config.pace.speed_min_m_per_s).min(1.0);
