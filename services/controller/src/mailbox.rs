@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
+use tangent_runtime::ring::Ring;
 
-use crossbeam_queue::ArrayQueue;
 use tangent_control::{Clearance, ControlError, EndedPass, EstimatorName, Phase, SwitchRefusal};
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut;
@@ -92,7 +92,7 @@ pub struct MailboxRequest<P> {
     outcome: Option<Outcome>,
     received: Instant,
     deadline: Instant,
-    back: Arc<ArrayQueue<MailboxRequest<P>>>,
+    back: Arc<Ring<MailboxRequest<P>>>,
     asker: Thread,
 }
 
@@ -155,7 +155,7 @@ pub enum Note {
 struct Slot<P> {
     /// Whether a caller holds this slot; it does so until its request has an outcome.
     taken: AtomicBool,
-    request: ArrayQueue<MailboxRequest<P>>,
+    request: Ring<MailboxRequest<P>>,
 }
 
 /// State that the loop shares with other threads.
@@ -166,11 +166,11 @@ pub struct Mailbox<P> {
     /// One bit for each slot that may hold a request.
     waiting: AtomicU32,
     /// Log lines from the loop.
-    pub notes: ArrayQueue<Note>,
+    pub notes: Ring<Note>,
     /// The tare that is due, and how it is known that the tool is free. Only the newest counts.
-    pub tare_due: ArrayQueue<TareGround>,
+    pub tare_due: Ring<TareGround>,
     /// Why the tare that the loop waits for was refused, for the loop; an empty text if it was not.
-    pub tare_refused: ArrayQueue<Text>,
+    pub tare_refused: Ring<Text>,
     /// Why the last tare was refused, for answers about the state of the task; empty if it was not.
     tare_reason: Mutex<String>,
     /// Time of the newest stop request, ns since `epoch`; 0: none.
@@ -180,9 +180,9 @@ pub struct Mailbox<P> {
     pub withdraw_due: AtomicBool,
     /// Whether the tool may touch something, from the loop, to be stored across restarts. Only the
     /// newest counts.
-    pub clearance: ArrayQueue<Clearance>,
+    pub clearance: Ring<Clearance>,
     /// The pass of a task that learns, once it has ended.
-    pub pass: ArrayQueue<EndedPass>,
+    pub pass: Ring<EndedPass>,
     phase: AtomicU64,
     cycles: AtomicU64,
 }
@@ -200,18 +200,18 @@ impl<P> Default for Mailbox<P> {
         Self {
             slots: std::array::from_fn(|_| Slot {
                 taken: AtomicBool::new(false),
-                request: ArrayQueue::new(1),
+                request: Ring::new(1),
             }),
             waiting: AtomicU32::new(0),
-            notes: ArrayQueue::new(64),
-            tare_due: ArrayQueue::new(1),
-            tare_refused: ArrayQueue::new(1),
+            notes: Ring::new(64),
+            tare_due: Ring::new(1),
+            tare_refused: Ring::new(1),
             tare_reason: Mutex::default(),
             stopped_ns: AtomicU64::new(0),
             epoch: Instant::now(),
             withdraw_due: AtomicBool::new(false),
-            clearance: ArrayQueue::new(1),
-            pass: ArrayQueue::new(1),
+            clearance: Ring::new(1),
+            pass: Ring::new(1),
             phase: AtomicU64::new(Phase::Idle as u64),
             cycles: AtomicU64::new(0),
         }
@@ -261,7 +261,7 @@ impl<P> Mailbox<P> {
     /// Puts a request into a slot that its caller has reserved.
     fn post(&self, index: usize, action: Action<P>, time: Time) -> Posted<'_, P> {
         let slot = &self.slots[index];
-        let back = Arc::new(ArrayQueue::new(1));
+        let back = Arc::new(Ring::new(1));
         let request = MailboxRequest {
             action,
             outcome: None,
@@ -337,7 +337,7 @@ impl<P> Mailbox<P> {
 
     /// Stores why a tare was refused; an empty text removes the reason. Not for the loop's thread.
     pub fn tare_refusal(&self, reason: &str) {
-        self.tare_refused.force_push(cut(reason));
+        self.tare_refused.force_push(cut(reason), drop);
         let mut told = self
             .tare_reason
             .lock()
@@ -377,7 +377,7 @@ impl<P> Mailbox<P> {
 /// A request in its slot, as held by its caller.
 struct Posted<'a, P> {
     slot: &'a Slot<P>,
-    back: Arc<ArrayQueue<MailboxRequest<P>>>,
+    back: Arc<Ring<MailboxRequest<P>>>,
     deadline: Instant,
     /// Whether the loop has claimed it: it can no longer be withdrawn.
     claimed: bool,

@@ -112,7 +112,9 @@ impl<P> Watch<P> {
     pub fn estimator(&mut self, name: EstimatorName, switches: u32, cause: Text) {
         if self.used != Some((name, switches)) {
             self.used = Some((name, switches));
-            self.mailbox.notes.force_push(Note::Estimator(name, cause));
+            self.mailbox
+                .notes
+                .force_push(Note::Estimator(name, cause), drop);
         }
     }
 
@@ -131,11 +133,12 @@ impl<P> Watch<P> {
     pub fn after(&mut self, told: &Told) {
         if told.tare_requested && !self.tare {
             let said = std::mem::take(&mut self.said_clear);
-            self.mailbox.tare_due.force_push(if said {
+            let ground = if said {
                 TareGround::SaidClear
             } else {
                 told.clearance.tare_ground()
-            });
+            };
+            self.mailbox.tare_due.force_push(ground, drop);
         }
         self.tare = told.tare_requested;
         if told.zero_withdrawn && !self.withdrawn {
@@ -146,7 +149,7 @@ impl<P> Watch<P> {
         if told.phase != self.phase || told.fault != self.fault {
             self.mailbox
                 .notes
-                .force_push(Note::Phase(told.phase, told.fault_text));
+                .force_push(Note::Phase(told.phase, told.fault_text), drop);
             self.phase = told.phase;
             self.fault = told.fault;
             if told.phase == Phase::Fault {
@@ -186,7 +189,7 @@ impl<P> Watch<P> {
             .is_some_and(|last| near(&last, &told.clearance))
         {
             self.clearance = Some(told.clearance);
-            self.mailbox.clearance.force_push(told.clearance);
+            self.mailbox.clearance.force_push(told.clearance, drop);
         }
     }
 

@@ -11,8 +11,8 @@ mod error;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+use tangent_runtime::ring::Ring;
 
-use crossbeam_queue::ArrayQueue;
 use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{ChannelId, Context, SinkId};
 use tangent_runtime::{Beat, Bus, Counter, Gauge, HealthReporter, Rate, Stop};
@@ -57,7 +57,7 @@ pub fn run(
         .enable_all()
         .build()?;
     let context = Context::new();
-    let newcomers = Arc::new(Newcomers(ArrayQueue::new(NEWCOMERS_MAX)));
+    let newcomers = Arc::new(Newcomers(Ring::new(NEWCOMERS_MAX)));
     let server = context
         .websocket_server()
         .name(&config.name)
@@ -105,7 +105,7 @@ pub fn run(
 }
 
 /// Viewers that have just subscribed to a channel.
-struct Newcomers(ArrayQueue<(ChannelId, SinkId)>);
+struct Newcomers(Ring<(ChannelId, SinkId)>);
 
 impl ServerListener for Newcomers {
     fn on_subscribe(&self, client: Client, channel: ChannelView) {

@@ -2,8 +2,7 @@
 //! lock.
 
 use std::time::{Duration, Instant};
-
-use crossbeam_queue::ArrayQueue;
+use tangent_runtime::ring::Ring;
 
 use crate::bridge::{Bridge, GuideRefusal};
 use crate::guiding::GuideEnd;
@@ -35,15 +34,15 @@ pub(crate) enum Outcome {
 /// Requests to the loop and its answers, one at a time, without a lock.
 #[derive(Debug)]
 pub(crate) struct GuideMailbox {
-    requests: ArrayQueue<Guide>,
-    answers: ArrayQueue<Outcome>,
+    requests: Ring<Guide>,
+    answers: Ring<Outcome>,
 }
 
 impl Default for GuideMailbox {
     fn default() -> Self {
         Self {
-            requests: ArrayQueue::new(1),
-            answers: ArrayQueue::new(1),
+            requests: Ring::new(1),
+            answers: Ring::new(1),
         }
     }
 }
@@ -68,13 +67,13 @@ impl GuideMailbox {
                 Outcome::Done
             }
         };
-        self.answers.force_push(outcome);
+        self.answers.force_push(outcome, drop);
     }
 
     /// Passes a request to the loop; `None`: the loop did not take it, as no packets arrive.
     pub fn ask(&self, request: Guide) -> Option<Outcome> {
         let _ = self.answers.pop();
-        self.requests.force_push(request);
+        self.requests.force_push(request, drop);
         let until = Instant::now() + ANSWER;
         loop {
             if let Some(outcome) = self.answers.pop() {

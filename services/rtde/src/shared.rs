@@ -4,8 +4,8 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::thread::Thread;
+use tangent_runtime::ring::Ring;
 
-use crossbeam_queue::ArrayQueue;
 use tangent_runtime::robot_loop::Notes;
 
 use crate::codec::{Series, TextMessage};
@@ -27,7 +27,7 @@ pub(crate) struct Shared {
     pub stop_asked: AtomicBool,
     /// Requests to guide the arm.
     pub guide: GuideMailbox,
-    pub uploads: ArrayQueue<Upload>,
+    pub uploads: Ring<Upload>,
     pub notes: Notes<TextMessage>,
     /// Set-up thread, woken when there is an upload.
     pub setup: OnceLock<Thread>,
@@ -47,7 +47,7 @@ impl Shared {
             reset_asked: AtomicBool::new(false),
             stop_asked: AtomicBool::new(false),
             guide: GuideMailbox::default(),
-            uploads: ArrayQueue::new(2),
+            uploads: Ring::new(2),
             notes: Notes::default(),
             setup: OnceLock::new(),
             links: AtomicU64::new(0),
@@ -60,7 +60,7 @@ impl Shared {
     }
 
     pub fn upload(&self, upload: Upload) {
-        self.uploads.force_push(upload);
+        self.uploads.force_push(upload, drop);
         self.wake_setup();
     }
 

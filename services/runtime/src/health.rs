@@ -1,12 +1,12 @@
 //! Health of a service, published once a second and at once when its state changes, and its
 //! liveliness token.
 
+use crate::ring::Ring;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
-use crossbeam_queue::ArrayQueue;
 use tangent_schemas::Text;
 use tangent_schemas::convert::{cut, cut_format};
 use tangent_schemas::standard::Header;
@@ -56,7 +56,7 @@ struct Shared {
     instance: String,
     host: String,
     /// State changes in transit to the reporting thread.
-    changes: ArrayQueue<(State, Text)>,
+    changes: Ring<(State, Text)>,
     stopping: AtomicBool,
     missed_cycles: Counter,
     lost: Counter,
@@ -130,7 +130,7 @@ impl HealthReporter {
             service: service.to_owned(),
             instance,
             host: host_name(),
-            changes: ArrayQueue::new(16),
+            changes: Ring::new(16),
             stopping: AtomicBool::new(false),
             missed_cycles: Counter::default(),
             lost: Counter::default(),
@@ -223,7 +223,7 @@ impl HealthReporter {
     /// Reports the state and its reason, cut off at 128 bytes, at once if they have changed. Takes
     /// no lock and allocates nothing: for real-time threads.
     pub fn set(&self, state: State, reason: Text) {
-        self.shared.changes.force_push((state, reason));
+        self.shared.changes.force_push((state, reason), drop);
         if let Some(thread) = &self.thread {
             thread.unpark();
         }

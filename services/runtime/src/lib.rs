@@ -38,6 +38,7 @@ pub mod meter;
 pub mod parameters;
 pub mod places;
 pub mod realtime;
+pub mod ring;
 pub mod robot_loop;
 pub mod security;
 mod state_folder;

@@ -5,13 +5,12 @@
 //! writes to it; here only the writing thread blocks. Lines are dropped and counted while the ring
 //! is full, and the count is logged as soon as lines can be written again.
 
+use crate::ring::Ring;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
-
-use crossbeam_queue::ArrayQueue;
 
 use crate::places::without_places;
 
@@ -31,7 +30,7 @@ struct Line {
 }
 
 struct Shared {
-    ring: ArrayQueue<Line>,
+    ring: Ring<Line>,
     pushed: AtomicU64,
     written: AtomicU64,
     dropped: AtomicU64,
@@ -53,7 +52,7 @@ impl Log {
     /// The system refused a thread.
     pub fn start(sink: impl Write + Send + 'static) -> io::Result<Self> {
         let shared = Arc::new(Shared {
-            ring: ArrayQueue::new(LINES),
+            ring: Ring::new(LINES),
             pushed: AtomicU64::new(0),
             written: AtomicU64::new(0),
             dropped: AtomicU64::new(0),

@@ -6,8 +6,8 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use tangent_runtime::ring::Ring;
 
-use crossbeam_queue::ArrayQueue;
 use serde::{Deserialize, Serialize};
 use tangent_control::{ContactSign, ControllerWord, Phase};
 use tangent_mechanics::Wrench;
@@ -111,7 +111,7 @@ pub(crate) struct Memory {
     folder: Option<StateFolder>,
     bus: Bus,
     inner: Mutex<Inner>,
-    zeros: Arc<ArrayQueue<Option<Note>>>,
+    zeros: Arc<Ring<Option<Note>>>,
 }
 
 struct Inner {
@@ -129,7 +129,7 @@ struct Note {
 }
 
 /// Used by the service's loop, which neither waits for the disk nor allocates.
-pub(crate) struct ZeroNotes(Arc<ArrayQueue<Option<Note>>>);
+pub(crate) struct ZeroNotes(Arc<Ring<Option<Note>>>);
 
 impl ZeroNotes {
     /// Makes this zero of the sensor `serial`, taken `age_s` seconds ago, the last good one.
@@ -149,7 +149,7 @@ impl ZeroNotes {
     fn say(&self, note: Option<Note>) {
         // The side thread takes the notes ten times a second, so there is room; only the newest
         // matters.
-        self.0.force_push(note);
+        self.0.force_push(note, drop);
     }
 }
 
@@ -215,7 +215,7 @@ impl Memory {
                 }
             }
         };
-        let zeros = Arc::new(ArrayQueue::new(ZEROS));
+        let zeros = Arc::new(Ring::new(ZEROS));
         let memory = Self {
             file,
             folder,

@@ -4,8 +4,8 @@
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use tangent_runtime::ring::Ring;
 
-use crossbeam_queue::ArrayQueue;
 use tangent_mechanics::Sensor;
 use tangent_runtime::Asked;
 use tangent_runtime::bus::answer::{done, done_with, refused};
@@ -77,7 +77,7 @@ impl Wanted {
 struct Counter {
     ticket: Ticket,
     wanted: AtomicU8,
-    outcomes: ArrayQueue<Outcome>,
+    outcomes: Ring<Outcome>,
     /// Held by the thread whose request is in progress.
     turn: Mutex<()>,
 }
@@ -107,7 +107,7 @@ pub(crate) fn tare_requests(setup: &TareSetup, memory: &Arc<Memory>) -> (TareReq
     let counter = Arc::new(Counter {
         ticket: Ticket::default(),
         wanted: AtomicU8::new(0),
-        outcomes: ArrayQueue::new(1),
+        outcomes: Ring::new(1),
         turn: Mutex::new(()),
     });
     let requests = TareRequests {
@@ -132,7 +132,7 @@ impl TareWork {
 
     /// Reports the result of the present order.
     pub(crate) fn answer(&self, outcome: Outcome) {
-        self.0.outcomes.force_push(outcome);
+        self.0.outcomes.force_push(outcome, drop);
         self.0.ticket.done();
     }
 }

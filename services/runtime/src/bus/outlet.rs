@@ -1,12 +1,12 @@
 //! Outgoing messages: a queue per publisher, and the two threads that empty the queues, one for
 //! images and one for everything else.
 
+use crate::ring::Ring;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{JoinHandle, Thread};
 use std::time::Duration;
 
-use crossbeam_queue::ArrayQueue;
 use tangent_schemas::topics::Delivery;
 use tangent_schemas::{Message, cdr};
 use zenoh::key_expr::OwnedKeyExpr;
@@ -42,7 +42,7 @@ pub(crate) struct Outlet<M> {
     key: OwnedKeyExpr,
     delivery: Delivery,
     publisher: [u8; 16],
-    queue: ArrayQueue<Received<M>>,
+    queue: Ring<Received<M>>,
     remote: Option<RemotePublisher>,
     registry: Arc<Registry>,
     dropped: Arc<AtomicU64>,
@@ -62,7 +62,7 @@ impl<M: Message> Outlet<M> {
             key,
             delivery,
             publisher,
-            queue: ArrayQueue::new(capacity::<M>(delivery)),
+            queue: Ring::new(capacity::<M>(delivery)),
             remote,
             registry,
             dropped: Arc::clone(&pump.dropped),
@@ -90,9 +90,9 @@ impl<M: Message> Outlet<M> {
 
     /// Queues a message for the publishing thread. Takes no lock and allocates nothing.
     pub(crate) fn push(&self, received: Received<M>) {
-        if self.queue.force_push(received).is_some() {
+        self.queue.force_push(received, |_| {
             self.dropped.fetch_add(1, Ordering::Relaxed);
-        }
+        });
     }
 
     pub(crate) fn close(&self) {

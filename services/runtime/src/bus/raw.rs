@@ -1,12 +1,11 @@
 //! Encoded messages of any type, and the queue of a reader of such messages.
 
+use crate::ring::Ring;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
-
-use crossbeam_queue::ArrayQueue;
 
 use super::guard::{Guard, Verdict};
 use super::keys::Keys;
@@ -53,7 +52,7 @@ impl RawMessage {
 }
 
 pub(crate) struct RawCore {
-    pub(super) queue: ArrayQueue<RawMessage>,
+    pub(super) queue: Ring<RawMessage>,
     pub(super) sleeper: Sleeper,
     guard: Mutex<Guard>,
     keys: Mutex<Keys>,
@@ -82,7 +81,7 @@ impl RawCore {
     /// cells.
     pub(super) fn new(capacity: usize, whole_cells: bool) -> Self {
         Self {
-            queue: ArrayQueue::new(capacity.max(1)),
+            queue: Ring::new(capacity.max(1)),
             sleeper: Sleeper::default(),
             guard: Mutex::new(Guard::for_publishers(PUBLISHERS)),
             keys: Mutex::new(Keys::new(whole_cells)),
@@ -143,10 +142,10 @@ impl RawCore {
             _ => self.overtaken.fetch_add(1, Ordering::Relaxed),
         };
         self.received.fetch_add(1, Ordering::Relaxed);
-        if let Some(oldest) = self.queue.force_push(message) {
+        self.queue.force_push(message, |oldest| {
             self.dropped.fetch_add(1, Ordering::Relaxed);
             self.remember(&oldest);
-        }
+        });
         self.sleeper.wake();
     }
 }

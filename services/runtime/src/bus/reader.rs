@@ -1,12 +1,12 @@
 //! Readers: newest value, queue, callback. Delivery within the same process takes no lock and
 //! allocates nothing.
 
+use crate::ring::Ring;
 use std::any::Any;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
-use crossbeam_queue::ArrayQueue;
 use tangent_schemas::{Message, cdr};
 use triple_buffer::{Input, TripleBuffer};
 
@@ -81,7 +81,7 @@ pub(crate) enum Sink<M: Message> {
     /// never wait for each other, even if one is pre-empted halfway.
     Newest(Mutex<Input<Option<Received<M>>>>),
     Queue {
-        queue: Box<ArrayQueue<Received<M>>>,
+        queue: Box<Ring<Received<M>>>,
         sleeper: Sleeper,
     },
     Callback {
@@ -94,7 +94,7 @@ pub(crate) enum Sink<M: Message> {
 impl<M: Message> Sink<M> {
     pub(crate) fn queue(capacity: usize) -> Self {
         Self::Queue {
-            queue: Box::new(ArrayQueue::new(capacity.max(1))),
+            queue: Box::new(Ring::new(capacity.max(1))),
             sleeper: Sleeper::default(),
         }
     }
@@ -186,9 +186,7 @@ impl<M: Message> ReaderCore<M> {
             }
             Sink::Queue { queue, sleeper } => {
                 add(&self.counts.received, 1);
-                if queue.force_push(received.clone()).is_some() {
-                    add(&self.counts.dropped, 1);
-                }
+                queue.force_push(received.clone(), |_| add(&self.counts.dropped, 1));
                 sleeper.wake();
             }
             Sink::Callback { callback, inside } => {

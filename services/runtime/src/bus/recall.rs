@@ -5,13 +5,13 @@
 //! copying them, and a third thread sends the answers at a bounded rate. The number of questions in
 //! progress is bounded; further ones get no answer.
 
+use crate::ring::Ring;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
-use crossbeam_queue::ArrayQueue;
 use zenoh::query::Query;
 
 use super::attachment::Attachment;
@@ -67,7 +67,7 @@ struct Job {
 /// value is dropped.
 pub(crate) struct Recall {
     under_way: Arc<AtomicUsize>,
-    asks: ArrayQueue<Ask>,
+    asks: Ring<Ask>,
     jobs: SyncSender<Job>,
 }
 
@@ -84,7 +84,7 @@ impl Recall {
         }
         Arc::new(Self {
             under_way: Arc::default(),
-            asks: ArrayQueue::new(UNDER_WAY_MAX),
+            asks: Ring::new(UNDER_WAY_MAX),
             jobs,
         })
     }

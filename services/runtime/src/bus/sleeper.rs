@@ -1,11 +1,10 @@
 //! Lets a thread sleep until its queue has an item; the sender wakes it without waiting.
 
+use crate::ring::Ring;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
-
-use crossbeam_queue::ArrayQueue;
 
 /// Holds the handle of a queue's reading thread while that sleeps. One reader at a time.
 #[derive(Debug, Default)]
@@ -37,11 +36,7 @@ impl Sleeper {
 }
 
 /// Pops an item, or parks until a sender wakes this thread or the time is up.
-pub(crate) fn sleep_for<T>(
-    queue: &ArrayQueue<T>,
-    sleeper: &Sleeper,
-    timeout: Duration,
-) -> Option<T> {
+pub(crate) fn sleep_for<T>(queue: &Ring<T>, sleeper: &Sleeper, timeout: Duration) -> Option<T> {
     let deadline = Instant::now() + timeout;
     loop {
         if let Some(item) = queue.pop() {
@@ -71,7 +66,7 @@ mod tests {
 
     #[test]
     fn no_wake_is_missed_however_the_two_meet() {
-        let queue = Arc::new(ArrayQueue::new(4));
+        let queue = Arc::new(Ring::new(4));
         let sleeper = Arc::new(Sleeper::default());
         let (pushes, wakes) = (Arc::clone(&queue), Arc::clone(&sleeper));
         // Each item is pushed the moment the previous one was taken, which is the hardest case for

@@ -1,9 +1,9 @@
 //! Log lines of a robot loop, which another thread writes.
 
+use crate::ring::Ring;
 use std::convert::Infallible;
 use std::fmt;
 
-use crossbeam_queue::ArrayQueue;
 use tangent_schemas::Text;
 
 /// Lines that may wait to be written. When there are more, the oldest is dropped.
@@ -24,18 +24,18 @@ pub enum Note<V = Infallible> {
 
 /// Queue of log lines: the loop pushes, another thread writes.
 #[derive(Debug)]
-pub struct Notes<V = Infallible>(ArrayQueue<Note<V>>);
+pub struct Notes<V = Infallible>(Ring<Note<V>>);
 
 impl<V> Default for Notes<V> {
     fn default() -> Self {
-        Self(ArrayQueue::new(NOTES_MAX))
+        Self(Ring::new(NOTES_MAX))
     }
 }
 
 impl<V: fmt::Display> Notes<V> {
     /// Adds a line. Takes no lock, allocates nothing and never waits.
     pub fn push(&self, note: Note<V>) {
-        self.0.force_push(note);
+        self.0.force_push(note, drop);
     }
 
     /// Writes all lines to the log.
