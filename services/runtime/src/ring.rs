@@ -1,10 +1,10 @@
 //! Bounded queue between threads of different priorities, in which no thread waits for another.
 //!
 //! Used wherever a real-time thread meets one of lower priority: publishers, subscriptions,
-//! mailboxes, the log. In the queues of `crossbeam`, `pop` spins while a `push` is unfinished. On one
-//! core that standstill lasts: a thread with SCHED_FIFO that spins for a push which it has itself
-//! interrupted keeps the core until Linux takes it away, up to a second later. Here such an item is
-//! not there yet. Whoever pushes must therefore wake the reader *after* the push.
+//! mailboxes, the log. In the queues of `crossbeam`, `pop` spins while a `push` is unfinished. On
+//! one core a thread with SCHED_FIFO that has interrupted that push itself then spins until Linux
+//! takes the core away from it, up to a second later. Here, such an item is not there yet. Whoever
+//! pushes must therefore wake the reader *after* the push.
 //!
 //! Ring of slots with sequence numbers (D. Vyukov, "Bounded MPMC queue", 2010). An operation is
 //! repeated only if another one succeeded meanwhile, so it is lock-free.
