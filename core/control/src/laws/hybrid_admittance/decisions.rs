@@ -107,7 +107,7 @@ impl Run {
                 }
                 return;
             }
-            if self.response.has_fallen_away() {
+            if self.response.has_fallen_away() || self.goes_round_rim(config, percept) {
                 return self.leave(percept, Some(Fault::SurfaceEnds));
             }
             if !self.in_contact && self.phase.is_pressing() && !self.stands_without_wrench() {
@@ -286,6 +286,14 @@ impl Run {
             _ => false,
         };
         if is_rim { Fault::SurfaceEnds } else { fault }
+    }
+
+    /// Whether the normal turns away where contact was lost.
+    fn goes_round_rim(&self, config: &ControllerConfig, percept: &Percept) -> bool {
+        let (position, normal) = (&percept.position, &self.surface.normal);
+        self.phase.is_pressing()
+            && config.contact.lost_here_max > 0
+            && self.losses.turns_away(position, normal)
     }
 
     fn is_beside_surface(&self, percept: &Percept) -> bool {

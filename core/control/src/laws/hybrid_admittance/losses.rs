@@ -5,6 +5,7 @@
 
 use nalgebra::Vector3;
 
+use crate::contact::alignment::angle_between;
 use crate::phase_machine::Phase;
 
 /// Distance within which losses are at one place, m.
@@ -20,6 +21,9 @@ const UNREAL_MAX: u32 = 10;
 
 /// Depth by which the tool gets further in from loss to loss where a surface ends, m.
 const DEEPER_M: f64 = 1e-3;
+/// Turn of the normal at one place where a surface ends, rad: more than a normal that was wrong by
+/// 25 degrees and a curvature of 40 per metre over [`PLACE_M`].
+const TURNS_AWAY_RAD: f64 = 0.9;
 /// Time for which a tool slides unhindered after a loss where the surface goes on, s.
 const GOES_ON_S: f64 = 0.5;
 
@@ -99,6 +103,8 @@ impl Touch {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
     place: Option<Vector3<f64>>,
+    /// Normal in use at the first loss at that place; zero before it.
+    normal: Vector3<f64>,
     here: u32,
     aside: u32,
     deeper_m: f64,
@@ -114,6 +120,7 @@ impl Losses {
         if !self.is_near(position) {
             *self = Self {
                 place: Some(*position),
+                normal: *normal,
                 last: self.last,
                 ..Self::default()
             };
@@ -137,6 +144,12 @@ impl Losses {
     /// Whether the last losses were at `position` (m), and are those of a surface that ends.
     pub fn is_rim_at(&self, position: &Vector3<f64>) -> bool {
         self.is_near(position) && self.is_rim()
+    }
+
+    /// Whether the normal in use at `position` (m) has turned further since the first loss at this
+    /// place than a surface can turn within it: the tool goes round a rim.
+    pub fn turns_away(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
+        self.is_near(position) && angle_between(&self.normal, normal) > TURNS_AWAY_RAD
     }
 
     /// Records that the tool slides on unhindered: the surface goes on.
@@ -188,6 +201,21 @@ mod tests {
         assert_eq!(losses.speed_share(&there), 1.0);
         assert_eq!(losses.count(&there, &up, &felt), 1);
         assert_eq!(losses.speed_share(&there), 1.0);
+    }
+
+    #[test]
+    fn a_normal_that_turns_away_at_the_place_of_a_loss_shows_a_rim() {
+        let mut losses = Losses::default();
+        let (here, there) = (Vector3::zeros(), Vector3::x() * 0.02);
+        let up = Vector3::z();
+        let turned = |rad: f64| Vector3::new(rad.sin(), 0.0, rad.cos());
+        assert!(!losses.turns_away(&here, &turned(1.2)));
+        losses.count(&here, &up, &Felt::default());
+        assert!(!losses.turns_away(&here, &turned(0.8)));
+        // Bit by bit, over losses at the same place.
+        losses.count(&here, &turned(0.8), &Felt::default());
+        assert!(losses.turns_away(&here, &turned(1.0)));
+        assert!(!losses.turns_away(&there, &turned(1.0)));
     }
 
     #[test]
