@@ -95,8 +95,8 @@ impl<T> Ring<T> {
     }
 
     /// Appends an item. If the queue is full, its oldest items give way: each one is passed to
-    /// `dropped`. So is the new item itself, if what is full of it is being popped just now. Never
-    /// waits, allocates nothing.
+    /// `dropped`. So is the new item itself, if another thread is about to push or pop the oldest
+    /// one. Never waits, allocates nothing.
     pub fn force_push(&self, mut item: T, mut dropped: impl FnMut(T)) {
         while let Err(refused) = self.push(item) {
             match self.pop() {
