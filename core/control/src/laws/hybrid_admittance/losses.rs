@@ -102,9 +102,8 @@ impl Touch {
 /// State for one run. A new one is the reset.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Losses {
-    place: Option<Vector3<f64>>,
-    /// Normal in use at the first loss at that place; zero before it.
-    normal: Vector3<f64>,
+    /// Position (m) and normal in use at the first loss at the present place.
+    place: Option<(Vector3<f64>, Vector3<f64>)>,
     here: u32,
     aside: u32,
     deeper_m: f64,
@@ -119,8 +118,7 @@ impl Losses {
     pub fn count(&mut self, position: &Vector3<f64>, normal: &Vector3<f64>, felt: &Felt) -> u32 {
         if !self.is_near(position) {
             *self = Self {
-                place: Some(*position),
-                normal: *normal,
+                place: Some((*position, *normal)),
                 last: self.last,
                 ..Self::default()
             };
@@ -131,7 +129,7 @@ impl Losses {
         self.aside += u32::from(felt.is_aside());
         self.deeper_m = self
             .place
-            .map_or(0.0, |place| (place - position).dot(normal));
+            .map_or(0.0, |(place, _)| (place - position).dot(normal));
         self.here
     }
 
@@ -149,7 +147,10 @@ impl Losses {
     /// Whether the normal in use at `position` (m) has turned further since the first loss at this
     /// place than a surface can turn within it: the tool goes round a rim.
     pub fn turns_away(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        self.is_near(position) && angle_between(&self.normal, normal) > TURNS_AWAY_RAD
+        self.is_near(position)
+            && self
+                .place
+                .is_some_and(|(_, first)| angle_between(&first, normal) > TURNS_AWAY_RAD)
     }
 
     /// Records that the tool slides on unhindered: the surface goes on.
@@ -182,7 +183,7 @@ impl Losses {
 
     fn is_near(&self, position: &Vector3<f64>) -> bool {
         self.place
-            .is_some_and(|place| (position - place).norm() < PLACE_M)
+            .is_some_and(|(place, _)| (position - place).norm() < PLACE_M)
     }
 }
 
