@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
-use tangent_runtime::ring::Ring;
 
 use tangent_control::{Clearance, ControlError, EndedPass, EstimatorName, Phase, SwitchRefusal};
+use tangent_runtime::ring::Ring;
 use tangent_schemas::Text;
 use tangent_schemas::convert::cut;
 use tangent_sensing::TareGround;

@@ -11,10 +11,10 @@ mod error;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tangent_runtime::ring::Ring;
 
 use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{ChannelId, Context, SinkId};
+use tangent_runtime::ring::Ring;
 use tangent_runtime::{Beat, Bus, Counter, Gauge, HealthReporter, Rate, Stop};
 
 use channels::Channels;

@@ -2,10 +2,11 @@
 //! lock.
 
 use std::time::{Duration, Instant};
-use tangent_runtime::ring::Ring;
 
 use crate::bridge::{Bridge, GuideRefusal};
 use crate::guiding::GuideEnd;
+
+use tangent_runtime::ring::Ring;
 
 /// Time for which the loop's answer is waited for: several cycles of the slowest robot.
 const ANSWER: Duration = Duration::from_millis(300);

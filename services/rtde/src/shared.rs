@@ -4,8 +4,8 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::thread::Thread;
-use tangent_runtime::ring::Ring;
 
+use tangent_runtime::ring::Ring;
 use tangent_runtime::robot_loop::Notes;
 
 use crate::codec::{Series, TextMessage};

@@ -1,7 +1,6 @@
 //! Health of a service, published once a second and at once when its state changes, and its
 //! liveliness token.
 
-use crate::ring::Ring;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{JoinHandle, Thread};
@@ -19,6 +18,7 @@ use crate::clock_offset;
 use crate::log;
 use crate::meter::{Age, Counter, Gauge, Histogram, Rate};
 use crate::realtime::RealtimeReport;
+use crate::ring::Ring;
 use crate::usage::ProcessUsage;
 
 /// `Health.state`.

@@ -5,7 +5,6 @@
 //! writes to it; here only the writing thread blocks. Lines are dropped and counted while the ring
 //! is full, and the count is logged as soon as lines can be written again.
 
-use crate::ring::Ring;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -13,6 +12,7 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use crate::places::without_places;
+use crate::ring::Ring;
 
 /// Largest length of a line, bytes; longer lines are cut off.
 const LINE_BYTES: usize = 1024;

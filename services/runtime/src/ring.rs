@@ -15,6 +15,8 @@ use std::sync::{Mutex, TryLockError};
 /// Bounded queue for any number of senders and receivers. Allocates only when it is made.
 #[derive(Debug)]
 pub struct Ring<T> {
+    /// One more than the capacity, so that a pop that stands unfinished leaves room for the newest
+    /// item.
     slots: Box<[Slot<T>]>,
     /// Number of pushes begun, which is the place of the next one.
     pushed: AtomicUsize,
@@ -49,7 +51,7 @@ impl<T> Ring<T> {
             item: Mutex::new(None),
         };
         Self {
-            slots: (0..capacity.max(1)).map(slot).collect(),
+            slots: (0..=capacity.max(1)).map(slot).collect(),
             pushed: AtomicUsize::new(0),
             popped: AtomicUsize::new(0),
         }
@@ -61,81 +63,65 @@ impl<T> Ring<T> {
         (&self.slots[place % count], 2 * (place / count))
     }
 
-    /// Appends an item. Never waits, allocates nothing.
-    ///
-    /// # Errors
-    /// The queue is full, or the pop of its oldest item is unfinished: returns the item.
-    pub fn push(&self, item: T) -> Result<(), T> {
-        let mut place = self.pushed.load(Ordering::Relaxed);
+    /// Claims the next place of those `begun`, if its slot is free (`held` 0) or holds an item
+    /// (`held` 1); returns the slot, and its stamp while it was free.
+    fn claim(&self, begun: &AtomicUsize, held: usize) -> Option<(&Slot<T>, usize)> {
+        let mut place = begun.load(Ordering::Relaxed);
         loop {
             let (slot, free) = self.slot(place);
-            if slot.stamp.load(Ordering::Acquire) == free {
-                let claimed = self.pushed.compare_exchange_weak(
-                    place,
-                    place + 1,
-                    Ordering::SeqCst,
-                    Ordering::Relaxed,
-                );
-                match claimed {
-                    Ok(_) => {
-                        slot.swap(Some(item));
-                        slot.stamp.store(free + 1, Ordering::Release);
-                        return Ok(());
-                    }
+            if slot.stamp.load(Ordering::Acquire) == free + held {
+                let (old, new) = (place, place + 1);
+                match begun.compare_exchange_weak(old, new, Ordering::SeqCst, Ordering::Relaxed) {
+                    Ok(_) => return Some((slot, free)),
                     Err(now) => place = now,
                 }
             } else {
-                let now = self.pushed.load(Ordering::SeqCst);
-                if now == place {
-                    return Err(item);
-                }
-                place = now;
-            }
-        }
-    }
-
-    /// Appends an item. If the queue is full, its oldest items give way: each one is passed to
-    /// `dropped`. So is the new item itself, if another thread is about to push or pop the oldest
-    /// one. Never waits, allocates nothing.
-    pub fn force_push(&self, mut item: T, mut dropped: impl FnMut(T)) {
-        while let Err(refused) = self.push(item) {
-            match self.pop() {
-                Some(oldest) => dropped(oldest),
-                None => return dropped(refused),
-            }
-            item = refused;
-        }
-    }
-
-    /// Takes the oldest item; `None` if there is none, or if its push is unfinished. Never waits,
-    /// allocates nothing.
-    pub fn pop(&self) -> Option<T> {
-        let mut place = self.popped.load(Ordering::Relaxed);
-        loop {
-            let (slot, free) = self.slot(place);
-            if slot.stamp.load(Ordering::Acquire) == free + 1 {
-                let claimed = self.popped.compare_exchange_weak(
-                    place,
-                    place + 1,
-                    Ordering::SeqCst,
-                    Ordering::Relaxed,
-                );
-                match claimed {
-                    Ok(_) => {
-                        let item = slot.swap(None);
-                        slot.stamp.store(free + 2, Ordering::Release);
-                        return item;
-                    }
-                    Err(now) => place = now,
-                }
-            } else {
-                let now = self.popped.load(Ordering::SeqCst);
+                let now = begun.load(Ordering::SeqCst);
                 if now == place {
                     return None;
                 }
                 place = now;
             }
         }
+    }
+
+    /// Appends an item. Never waits, allocates nothing.
+    ///
+    /// # Errors
+    /// The queue is full, or the pop of its oldest item is unfinished: returns the item.
+    pub fn push(&self, item: T) -> Result<(), T> {
+        if self.is_full() {
+            return Err(item);
+        }
+        let Some((slot, free)) = self.claim(&self.pushed, 0) else {
+            return Err(item);
+        };
+        slot.swap(Some(item));
+        slot.stamp.store(free + 1, Ordering::Release);
+        Ok(())
+    }
+
+    /// Appends an item. If the queue is full, its oldest item gives way, and is passed to `dropped`.
+    /// So is the new one, if another thread stands in the middle of a push or pop that it would
+    /// have to wait for; what is queued stays. Never waits, allocates nothing.
+    pub fn force_push(&self, mut item: T, mut dropped: impl FnMut(T)) {
+        while let Err(refused) = self.push(item) {
+            item = refused;
+            let oldest = if self.is_full() { self.pop() } else { None };
+            match oldest {
+                Some(oldest) => dropped(oldest),
+                None => return dropped(item),
+            }
+        }
+    }
+
+    /// Takes the oldest item; `None` if there is none, or if its push is unfinished. Never waits,
+    /// allocates nothing.
+    pub fn pop(&self) -> Option<T> {
+        let (slot, free) = self.claim(&self.popped, 1)?;
+        let item = slot.swap(None);
+        slot.stamp.store(free + 2, Ordering::Release);
+        item
     }
 
     /// Number of items, with those whose push is unfinished.
@@ -146,7 +132,7 @@ impl<T> Ring<T> {
 
     /// Whether no further item fits.
     pub fn is_full(&self) -> bool {
-        self.len() >= self.slots.len()
+        self.len() >= self.slots.len() - 1
     }
 
     /// Whether every item was taken whose push has begun.
@@ -219,8 +205,12 @@ mod tests {
         // Another thread has begun to pop, and stands.
         assert_eq!([ring.push(5), ring.push(6)], [Ok(()), Ok(())]);
         ring.popped.fetch_add(1, Ordering::SeqCst);
-        assert_eq!(ring.push(7), Err(7));
-        assert_eq!([ring.pop(), ring.pop()], [Some(6), None]);
+        assert_eq!([ring.push(7), ring.push(8)], [Ok(()), Err(8)]);
+        dropped.clear();
+        ring.force_push(8, |item| dropped.push(item));
+        ring.force_push(9, |item| dropped.push(item));
+        assert_eq!(dropped, [6, 8, 9]);
+        assert_eq!([ring.pop(), ring.pop()], [Some(7), None]);
     }
 
     #[test]

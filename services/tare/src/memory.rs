@@ -6,12 +6,12 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tangent_runtime::ring::Ring;
 
 use serde::{Deserialize, Serialize};
 use tangent_control::{ContactSign, ControllerWord, Phase};
 use tangent_mechanics::Wrench;
 use tangent_runtime::clock::now_ns;
+use tangent_runtime::ring::Ring;
 use tangent_runtime::{Bus, BusError, Latest, Refused, StateFolder, Stop};
 use tangent_schemas::convert::cut;
 use tangent_schemas::tangent::ControlState;

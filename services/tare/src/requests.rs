@@ -4,11 +4,11 @@
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use tangent_runtime::ring::Ring;
 
 use tangent_mechanics::Sensor;
 use tangent_runtime::Asked;
 use tangent_runtime::bus::answer::{done, done_with, refused};
+use tangent_runtime::ring::Ring;
 use tangent_runtime::ticket::{Order, Ticket};
 use tangent_schemas::tangent::{Answer, Request};
 use tangent_sensing::{Tare, TareGround, TareRefusal};

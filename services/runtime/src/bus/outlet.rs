@@ -1,7 +1,6 @@
 //! Outgoing messages: a queue per publisher, and the two threads that empty the queues, one for
 //! images and one for everything else.
 
-use crate::ring::Ring;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{JoinHandle, Thread};
@@ -19,6 +18,7 @@ use super::recall::Recall;
 use super::registry::Registry;
 use super::remote_publisher::RemotePublisher;
 use crate::realtime::setup_thread;
+use crate::ring::Ring;
 
 /// Messages of one lower class that are sent before the real-time queues are checked again.
 const BURST: usize = 8;

@@ -1,6 +1,5 @@
 //! Encoded messages of any type, and the queue of a reader of such messages.
 
-use crate::ring::Ring;
 use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,6 +10,7 @@ use super::guard::{Guard, Verdict};
 use super::keys::Keys;
 use super::reader::Arrival;
 use super::sleeper::Sleeper;
+use crate::ring::Ring;
 
 /// Largest number of publishers of a cell that are distinguished at once.
 const PUBLISHERS: usize = 256;
@@ -81,7 +81,7 @@ impl RawCore {
     /// cells.
     pub(super) fn new(capacity: usize, whole_cells: bool) -> Self {
         Self {
-            queue: Ring::new(capacity.max(1)),
+            queue: Ring::new(capacity),
             sleeper: Sleeper::default(),
             guard: Mutex::new(Guard::for_publishers(PUBLISHERS)),
             keys: Mutex::new(Keys::new(whole_cells)),

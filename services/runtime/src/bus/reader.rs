@@ -1,7 +1,6 @@
 //! Readers: newest value, queue, callback. Delivery within the same process takes no lock and
 //! allocates nothing.
 
-use crate::ring::Ring;
 use std::any::Any;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
@@ -15,6 +14,7 @@ use super::guard::{Guard, Verdict};
 use super::sleeper::{Sleeper, sleep_for};
 use super::source::{Admission, Rival};
 use crate::clock;
+use crate::ring::Ring;
 
 /// A message and the circumstances of its arrival.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ pub(crate) enum Sink<M: Message> {
     /// never wait for each other, even if one is pre-empted halfway.
     Newest(Mutex<Input<Option<Received<M>>>>),
     Queue {
-        queue: Box<Ring<Received<M>>>,
+        queue: Ring<Received<M>>,
         sleeper: Sleeper,
     },
     Callback {
@@ -94,7 +94,7 @@ pub(crate) enum Sink<M: Message> {
 impl<M: Message> Sink<M> {
     pub(crate) fn queue(capacity: usize) -> Self {
         Self::Queue {
-            queue: Box::new(Ring::new(capacity.max(1))),
+            queue: Ring::new(capacity),
             sleeper: Sleeper::default(),
         }
     }

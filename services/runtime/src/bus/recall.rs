@@ -5,7 +5,6 @@
 //! copying them, and a third thread sends the answers at a bounded rate. The number of questions in
 //! progress is bounded; further ones get no answer.
 
-use crate::ring::Ring;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -23,6 +22,7 @@ use super::reader::Arrival;
 use super::replies::reply_batch;
 use super::session::Questions;
 use super::{Bus, Inner};
+use crate::ring::Ring;
 
 /// Largest number of questions in progress in one process: twice one question to each publisher of
 /// a process that runs all services.

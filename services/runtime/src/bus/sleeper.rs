@@ -1,10 +1,11 @@
 //! Lets a thread sleep until its queue has an item; the sender wakes it without waiting.
 
-use crate::ring::Ring;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
+
+use crate::ring::Ring;
 
 /// Holds the handle of a queue's reading thread while that sleeps. One reader at a time.
 #[derive(Debug, Default)]

@@ -1,10 +1,11 @@
 //! Log lines of a robot loop, which another thread writes.
 
-use crate::ring::Ring;
 use std::convert::Infallible;
 use std::fmt;
 
 use tangent_schemas::Text;
+
+use crate::ring::Ring;
 
 /// Lines that may wait to be written. When there are more, the oldest is dropped.
 const NOTES_MAX: usize = 64;
