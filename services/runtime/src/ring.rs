@@ -101,7 +101,7 @@ impl<T> Ring<T> {
         Ok(())
     }
 
-    /// Appends an item. If the queue is full, its oldest item gives way, and is passed to `dropped`.
+    /// Appends an item. If the queue is full, its oldest item gives way: it is passed to `dropped`.
     /// So is the new one, if another thread stands in the middle of a push or pop that it would
     /// have to wait for; what is queued stays. Never waits, allocates nothing.
     pub fn force_push(&self, mut item: T, mut dropped: impl FnMut(T)) {
