@@ -24,6 +24,10 @@ const DEEPER_M: f64 = 1e-3;
 /// Turn of the normal at one place where a surface ends, rad: more than a normal that was wrong by
 /// 25 degrees and a curvature of 40 per metre over [`PLACE_M`].
 const TURNS_AWAY_RAD: f64 = 0.9;
+/// Distance from a loss, m, within which a tool beside the surface is still at it, and how many times
+/// as far in as aside it is there: steeper than a body of a diameter of 50 mm within that distance.
+const BESIDE_M: f64 = 0.03;
+const STEEP: f64 = 2.0;
 /// Time for which a tool slides unhindered after a loss where the surface goes on, s.
 const GOES_ON_S: f64 = 0.5;
 
@@ -145,12 +149,17 @@ impl Losses {
     }
 
     /// Whether the normal in use at `position` (m) has turned further since the first loss at this
-    /// place than a surface can turn within it: the tool goes round a rim.
+    /// place than a surface can turn within it, there or straight down from there: the tool goes
+    /// round a rim.
     pub fn turns_away(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        self.is_near(position)
-            && self
-                .place
-                .is_some_and(|(_, first)| angle_between(&first, normal) > TURNS_AWAY_RAD)
+        self.place.is_some_and(|(place, first)| {
+            let off = position - place;
+            let deeper_m = -off.dot(&first);
+            let aside_m = (off + first * deeper_m).norm();
+            let goes_down = off.norm() < BESIDE_M && deeper_m > STEEP * aside_m;
+            (self.is_near(position) || goes_down)
+                && angle_between(&first, normal) > TURNS_AWAY_RAD
+        })
     }
 
     /// Records that the tool slides on unhindered: the surface goes on.
