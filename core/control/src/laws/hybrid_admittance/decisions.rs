@@ -288,12 +288,12 @@ impl Run {
         if is_rim { Fault::SurfaceEnds } else { fault }
     }
 
-    /// Whether the normal turns away where contact was lost.
+    /// Whether the normal turns away where contact was lost, or further than the path can follow.
     fn goes_round_rim(&self, config: &ControllerConfig, percept: &Percept) -> bool {
         let (position, normal) = (&percept.position, &self.surface.normal);
         self.phase.is_pressing()
             && config.contact.lost_here_max > 0
-            && self.losses.turns_away(position, normal)
+            && (self.losses.turns_away(position, normal) || self.tracking.faces_away(normal))
     }
 
     fn is_beside_surface(&self, percept: &Percept) -> bool {

@@ -24,10 +24,12 @@ const DEEPER_M: f64 = 1e-3;
 /// Turn of the normal at one place where a surface ends, rad: more than a normal that was wrong by
 /// 25 degrees and a curvature of 40 per metre over [`PLACE_M`].
 const TURNS_AWAY_RAD: f64 = 0.9;
-/// Distance from a loss, m, within which a tool beside the surface is still at it, and how many times
-/// as far in as aside it is there: steeper than a body of a diameter of 50 mm within that distance.
-const BESIDE_M: f64 = 0.03;
+/// Distance from a loss, m, within which a tool further in is beside a wall below it: how many times
+/// as far in as aside it is there, and the turn of the normal, rad, both more than those of a body
+/// with a diameter of 50 mm and a normal that was wrong by 25 degrees.
+const BELOW_M: f64 = 0.03;
 const STEEP: f64 = 2.0;
+const UPRIGHT_RAD: f64 = 1.1;
 /// Time for which a tool slides unhindered after a loss where the surface goes on, s.
 const GOES_ON_S: f64 = 0.5;
 
@@ -111,8 +113,9 @@ pub(crate) struct Losses {
     here: u32,
     aside: u32,
     deeper_m: f64,
-    /// Where contact was lost last, until the tool slides on, and for how long it has, s.
-    last: Option<Vector3<f64>>,
+    /// Position (m) and normal in use where contact was lost first since the tool slid on
+    /// unhindered, and for how long it does, s.
+    last: Option<(Vector3<f64>, Vector3<f64>)>,
     slid_s: f64,
 }
 
@@ -127,7 +130,7 @@ impl Losses {
                 ..Self::default()
             };
         }
-        self.last.get_or_insert(*position);
+        self.last.get_or_insert((*position, *normal));
         self.slid_s = 0.0;
         self.here += 1;
         self.aside += u32::from(felt.is_aside());
@@ -148,18 +151,20 @@ impl Losses {
         self.is_near(position) && self.is_rim()
     }
 
-    /// Whether the normal in use at `position` (m) has turned further since the first loss at this
-    /// place than a surface can turn within it, there or straight down from there: the tool goes
-    /// round a rim.
+    /// Whether the normal in use at `position` (m) has turned further than a surface can turn: since
+    /// the first loss at this place, or, straight down from there, since the tool last slid on. The
+    /// tool goes round a rim.
     pub fn turns_away(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        self.place.is_some_and(|(place, first)| {
-            let off = position - place;
-            let deeper_m = -off.dot(&first);
-            let aside_m = (off + first * deeper_m).norm();
-            let goes_down = off.norm() < BESIDE_M && deeper_m > STEEP * aside_m;
-            (self.is_near(position) || goes_down)
-                && angle_between(&first, normal) > TURNS_AWAY_RAD
-        })
+        let here = self.place.is_some_and(|(place, first)| {
+            self.is_near(position) && angle_between(&first, normal) > TURNS_AWAY_RAD
+        });
+        let below = self.last.is_some_and(|(last, first)| {
+            let (deeper_m, aside_m) = from_loss(&last, &first, position);
+            deeper_m.hypot(aside_m) < BELOW_M
+                && deeper_m > STEEP * aside_m
+                && angle_between(&first, normal) > UPRIGHT_RAD
+        });
+        here || below
     }
 
     /// Records that the tool slides on unhindered: the surface goes on.
@@ -173,11 +178,9 @@ impl Losses {
     /// Whether the tool at `position` (m) is further in than where contact was lost, and has not
     /// slid on since: beside a surface that ends there.
     pub fn is_beside(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        self.last.is_some_and(|last| {
-            let off = position - last;
-            let deeper_m = -off.dot(normal);
-            let beside_m = (off + normal * deeper_m).norm();
-            beside_m < PLACE_M && deeper_m > DEEPER_M
+        self.last.is_some_and(|(last, _)| {
+            let (deeper_m, aside_m) = from_loss(&last, normal, position);
+            aside_m < PLACE_M && deeper_m > DEEPER_M
         })
     }
 
@@ -194,6 +197,13 @@ impl Losses {
         self.place
             .is_some_and(|(place, _)| (position - place).norm() < PLACE_M)
     }
+}
+
+/// How far `position` is in and aside of a loss at `last` on a surface with this `normal`, m.
+fn from_loss(last: &Vector3<f64>, normal: &Vector3<f64>, position: &Vector3<f64>) -> (f64, f64) {
+    let off = position - last;
+    let deeper_m = -off.dot(normal);
+    (deeper_m, (off + normal * deeper_m).norm())
 }
 
 #[cfg(test)]
