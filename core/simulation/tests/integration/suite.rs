@@ -182,13 +182,17 @@ fn a_path_is_no_faster_than_the_arm_can_answer() {
     }
 }
 
-/// A tool that goes slowly round the rim of a plate: its normal turned by 90 degrees where contact
-/// was lost, and it wiped the side of the plate to the end of the path.
+/// A tool that goes slowly round the rim of a plate, or down its side: its normal turned by 90
+/// degrees, and it wiped the side of the plate to the end of the path, or until the force along it
+/// counted as a fault of the sensor.
 #[test]
 fn a_tool_that_goes_round_a_rim_is_at_the_end_of_its_surface() {
-    let draw = draw(SurfaceKind::Edge, 3, 23);
-    let run = run_with(&draw, &["control.pace.hit_share=0.5"]);
-    assert!(run.completed, "{draw}: {} {:?}", run.phase, run.fault);
+    for (number, seed, hit_share) in [(3, 23, 0.5), (47, SEED, 1.0), (50, SEED, 0.7), (5, 23, 1.0)]
+    {
+        let draw = draw(SurfaceKind::Edge, number, seed);
+        let run = run_with(&draw, &[&format!("control.pace.hit_share={hit_share}")]);
+        assert!(run.completed, "{draw}: {} {:?}", run.phase, run.fault);
+    }
 }
 
 /// The zero was taken in the air, and noise showed a touch beside it: no zero taken in contact.

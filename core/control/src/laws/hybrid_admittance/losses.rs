@@ -239,6 +239,24 @@ mod tests {
     }
 
     #[test]
+    fn a_wall_straight_below_a_loss_is_no_surface_that_goes_on() {
+        let below = |aside: f64, deeper: f64| Vector3::new(aside, 0.0, -deeper);
+        let turned = |rad: f64| Vector3::new(rad.sin(), 0.0, rad.cos());
+        let mut losses = Losses::default();
+        losses.count(&Vector3::zeros(), &Vector3::z(), &Felt::default());
+        assert!(losses.turns_away(&below(5e-3, 0.022), &turned(1.2)));
+        // Soft ground; a bend; somewhere else.
+        assert!(!losses.turns_away(&below(5e-3, 0.022), &turned(1.0)));
+        assert!(!losses.turns_away(&below(0.014, 0.022), &turned(1.2)));
+        assert!(!losses.turns_away(&below(5e-3, 0.04), &turned(1.2)));
+        // Losses on the way down are losses at the same rim.
+        losses.count(&below(4e-3, 0.012), &turned(0.5), &Felt::default());
+        assert!(losses.turns_away(&below(5e-3, 0.022), &turned(1.2)));
+        losses.slides_on(1.0);
+        assert!(!losses.turns_away(&below(5e-3, 0.025), &turned(1.2)));
+    }
+
+    #[test]
     fn a_touch_whose_force_did_not_grow_was_none_but_not_for_ever() {
         let mut felt = Felt::default();
         felt.add(0.4, 0.1, 0.1);

@@ -348,6 +348,18 @@ mod tests {
         Path::new(&spec, 0.1, 1.0).unwrap()
     }
 
+    #[test]
+    fn no_path_over_a_plane_goes_on_along_a_surface_that_faces_away_from_it() {
+        let tracking = Tracking::new(Vector3::z(), Vector3::x(), Vector3::zeros());
+        let tracking = tracking.drawn_over_plane(true);
+        let turned = |deg: f64| {
+            let (sin, cos) = deg.to_radians().sin_cos();
+            Vector3::new(sin, 0.0, cos)
+        };
+        assert!(!tracking.faces_away(&turned(80.0)));
+        assert!(tracking.faces_away(&turned(100.0)));
+    }
+
     /// On a cylinder (flat when unrolled) a circle closes, and keeps its drawn length.
     #[test]
     fn a_circle_on_a_pipe_closes() {
