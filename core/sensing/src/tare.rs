@@ -343,9 +343,9 @@ pub enum TareRefusal {
     },
     /// The new zero differs too much from the last good one.
     #[error(
-        "the zero would differ by {force_n:.2} N and {torque_nm:.3} Nm from the last good one, {age_s:.0} s old; drift \
-         explains {force_max_n:.2} N and {torque_max_nm:.3} Nm: the tool touches something, or the tool was changed. If \
-         you see that it hangs free, run `tangent tare --clear`"
+        "the zero would differ by {force_n:.2} N and {torque_nm:.3} Nm: if the tool hangs free, run `tangent tare --clear`; \
+         else it touches something, or was changed. The last good zero is {age_s:.0} s old; drift explains {force_max_n:.2} \
+         N and {torque_max_nm:.3} Nm"
     )]
     Jump {
         /// Difference in the worst axis, N.

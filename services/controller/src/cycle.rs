@@ -169,7 +169,7 @@ impl<L: Law<N>, const N: usize> Cycle<L, N> {
             Some(fault) if output.phase != Phase::Idle => cut(fault.text()),
             _ => Text::new(),
         };
-        let fault_text = self.watch.fault_text(output.fault, fault_text);
+        let fault_text = self.watch.fault_text(output.fault, fault_text, arm);
         let header = || Header::new(arm.header.stamp.to_ns(), "base");
         let activation = self.runner.activation();
         let state = ControlState {

@@ -385,14 +385,16 @@ impl<K: Kind> RequestHandler<K> {
         let force_n = s.force_n.is_finite().then_some(s.force_n);
         let mut words = s.phase_text.to_string();
         if !s.task.is_empty() {
-            let force = force_n.map_or("no usable wrench".to_owned(), |f| {
-                format!("{f:.2} of {:.2} N", s.force_reference_n)
-            });
             words = format!(
-                "{}: {words}, {:.0} % of the path, {force}",
+                "{}: {words}, {:.0} % of the path",
                 s.task,
                 100.0 * s.path_progress
             );
+            if let Some(force_n) = force_n {
+                words.push_str(&format!(", {force_n:.2} of {:.2} N", s.force_reference_n));
+            } else if s.wrench_validity != Validity::Valid as u8 {
+                words.push_str(", no usable wrench");
+            }
         }
         if s.paused {
             words.push_str("; paused");

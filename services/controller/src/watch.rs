@@ -6,6 +6,7 @@ use std::sync::atomic::Ordering;
 use tangent_control::{Clearance, EstimatorName, Fault, Phase};
 use tangent_runtime::{Counter, Gauge, HealthReporter, State};
 use tangent_schemas::convert::cut_format;
+use tangent_schemas::tangent::ArmState;
 use tangent_schemas::{Name, Text};
 use tangent_sensing::TareGround;
 
@@ -16,6 +17,9 @@ use crate::mailbox::{Mailbox, Note};
 const KEPT_WITHIN_M: f64 = 0.002;
 /// Cosine of the angle to the stored normal, 2 degrees, within which a new one is not stored.
 const KEPT_WITHIN_COS: f64 = 0.9994;
+
+/// Time for which the arm may say why it takes no commands after the task has ended for that, s.
+const REASON_S: f64 = 0.5;
 
 /// Relation of the controller to the arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,12 +61,16 @@ pub struct Watch<P> {
     cycle: Option<u64>,
     phase: Phase,
     fault: Option<Fault>,
+    text: Text,
     /// Whether a person confirmed before this start that the tool is free: the next tare relies on
     /// it.
     pub said_clear: bool,
     tare: bool,
     /// Why the tare that the task waits for was refused; empty if it was not.
     tare_refused: Text,
+    /// When the task ended because the arm takes no commands, s in the robot's time, and why it
+    /// does not.
+    arm_left: Option<(f64, Text)>,
     withdrawn: bool,
     /// Last stored value of whether the tool may touch something.
     clearance: Option<Clearance>,
@@ -82,9 +90,11 @@ impl<P> Watch<P> {
             cycle: None,
             phase: Phase::default(),
             fault: None,
+            text: Text::new(),
             said_clear: false,
             tare: false,
             tare_refused: Text::new(),
+            arm_left: None,
             withdrawn: false,
             clearance: None,
             used: None,
@@ -118,15 +128,35 @@ impl<P> Watch<P> {
         }
     }
 
-    /// The fault as text. If a tare is missing, the text says why it was refused.
-    pub fn fault_text(&mut self, fault: Option<Fault>, text: Text) -> Text {
+    /// The fault as text. If a tare is missing, the text says why it was refused; if the `arm` takes
+    /// no commands, why it does not.
+    pub fn fault_text(&mut self, fault: Option<Fault>, text: Text, arm: &ArmState) -> Text {
         if let Some(reason) = self.mailbox.tare_refused.pop() {
             self.tare_refused = reason;
         }
-        if fault == Some(Fault::NoTare) && !text.is_empty() && !self.tare_refused.is_empty() {
-            return cut_format(format_args!("no tare in time: {}", self.tare_refused));
+        if fault != Some(Fault::ArmNotReady) {
+            self.arm_left = None;
         }
-        text
+        match fault {
+            _ if text.is_empty() => text,
+            Some(Fault::NoTare) if !self.tare_refused.is_empty() => {
+                cut_format(format_args!("no tare in time: {}", self.tare_refused))
+            }
+            Some(Fault::ArmNotReady) => {
+                let now_s = arm.robot_time_s;
+                let (left_s, why) = self.arm_left.get_or_insert((now_s, Text::new()));
+                // The robot may name its reason a few cycles later, and others while it recovers.
+                let first = (0.0..REASON_S).contains(&(now_s - *left_s));
+                if first && !arm.ready && !arm.not_ready_reason.is_empty() {
+                    *why = arm.not_ready_reason;
+                }
+                if why.is_empty() {
+                    return text;
+                }
+                cut_format(format_args!("arm does not take commands: {why}"))
+            }
+            _ => text,
+        }
     }
 
     /// Reports what has changed, at the end of a cycle.
@@ -146,12 +176,14 @@ impl<P> Watch<P> {
         }
         self.withdrawn = told.zero_withdrawn;
         self.keep_in_mind(told);
-        if told.phase != self.phase || told.fault != self.fault {
+        let anew = told.phase == Phase::Fault && told.fault_text != self.text;
+        if told.phase != self.phase || told.fault != self.fault || anew {
             self.mailbox
                 .notes
                 .force_push(Note::Phase(told.phase, told.fault_text), drop);
             self.phase = told.phase;
             self.fault = told.fault;
+            self.text = told.fault_text;
             if told.phase == Phase::Fault {
                 self.health.set(State::Fault, told.fault_text);
                 self.said = None;

@@ -18,6 +18,8 @@ use crate::task::{EndSpec, Task};
 
 /// Share of its distance that a retraction must actually cover to count.
 const GONE_SHARE: f64 = 0.5;
+/// Least distance of a retraction to where the tool is free, m.
+const FREE_LEAST_M: f64 = 1e-3;
 /// Time for which a retraction's reference must have stood at its end before the retraction is
 /// over, s.
 const SETTLE_S: f64 = 0.1;
@@ -50,6 +52,9 @@ pub(crate) struct Departure {
 struct Retraction {
     /// Direction: unit, base axes.
     along: Vector3<f64>,
+    distance_m: f64,
+    /// Whether it ends where the tool was tared, and has touched nothing since.
+    to_free: bool,
     profile: Profile,
     run_out: RunOut,
 }
@@ -127,6 +132,8 @@ pub(crate) struct Way {
     pub at: Vector3<f64>,
     /// Velocity, m/s. Zero if the law itself is compliant when the reference stops.
     pub velocity: Vector3<f64>,
+    /// Where the tool was tared, if it has touched nothing since.
+    pub free_at: Option<Vector3<f64>>,
 }
 
 impl Way {
@@ -258,10 +265,15 @@ impl Departure {
         let (leave, end) = (&rules.leave, &rules.end);
         let retraction = self.retraction.get_or_insert_with(|| {
             let along = self.way_off.unwrap_or(away);
+            let most_m = end.retract_distance_m;
+            let back_m = way.free_at.map(|at| (at - way.from).dot(&along));
+            let distance_m = back_m.map_or(most_m, |back_m| back_m.clamp(FREE_LEAST_M, most_m));
             Retraction {
                 along,
+                distance_m,
+                to_free: back_m.is_some_and(|back_m| back_m <= most_m),
                 profile: Profile::new(
-                    end.retract_distance_m,
+                    distance_m,
                     end.retract_speed_m_per_s,
                     rules.path.acceleration_m_per_s2,
                     rules.path.jerk_m_per_s3,
@@ -272,6 +284,8 @@ impl Departure {
         retraction.run_out.step(dt_s);
         let Retraction {
             along,
+            distance_m,
+            to_free,
             profile,
             run_out,
         } = *retraction;
@@ -309,10 +323,50 @@ impl Departure {
             return Retracting::Going(step);
         }
         // An arm that did not follow has not left the surface.
-        self.off = gone_m > GONE_SHARE * end.retract_distance_m;
-        if self.off && self.left == Leaving::Free {
+        self.off = gone_m > GONE_SHARE * distance_m;
+        if self.off && (to_free || self.left == Leaving::Free) {
             self.clearance = Clearance::Free;
         }
         Retracting::Ended(step, self.after)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Distance of a retraction from the origin, m, and whether the tool is then known to be free.
+    fn retracted(free_at: Option<Vector3<f64>>) -> (f64, bool) {
+        let task = "name = \"line\"\nestimators = [\"first\"]\nforce.reference_n = 3.0\npath = { kind = \"line\", to_m = [0.04, 0.0], speed_m_per_s = 0.02 }";
+        let task: Task = task.parse().unwrap();
+        let (leave, path) = (LeaveConfig::default(), PathProfileConfig::default());
+        let rules = Rules::new(leave, path, &task, &Limits::default());
+        let mut departure = Departure::new(Clearance::Unknown);
+        departure.begin_retraction(Phase::Fault);
+        let mut way = Way {
+            from: Vector3::zeros(),
+            at: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            free_at,
+        };
+        loop {
+            // The sensor is silent.
+            match departure.retract(&rules, Vector3::z(), &way, None, 0.008) {
+                Retracting::Going(step) => way.at = step.offset,
+                Retracting::Ended(..) => return (way.at.z, departure.clearance.is_free()),
+                Retracting::Opposed => panic!("opposed"),
+            }
+        }
+    }
+
+    #[test]
+    fn a_tool_that_has_touched_nothing_goes_back_to_where_it_was_tared_and_is_free_there() {
+        let (way_m, free) = retracted(Some(Vector3::new(0.01, 0.0, 0.012)));
+        assert!((way_m - 0.012).abs() < 1e-6 && free, "{way_m} m");
+        let (way_m, free) = retracted(None);
+        assert!((way_m - 0.05).abs() < 1e-6 && !free, "{way_m} m");
+        // Tared further away than a retraction goes.
+        let (way_m, free) = retracted(Some(Vector3::z() * 0.08));
+        assert!((way_m - 0.05).abs() < 1e-6 && !free, "{way_m} m");
     }
 }

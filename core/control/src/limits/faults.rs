@@ -79,15 +79,13 @@ impl Fault {
                 "one axis of the sensor is stuck: restart the sensor, check its cable and transducer"
             }
             Self::Wrench(Validity::Unresponsive) => {
-                "the wrench does not answer to the tool's motion: check the sensor, its mounting, its delay, and that the \
-                 surface stays in its place"
+                "the wrench does not answer to the tool's motion: check the sensor, its delay, and that the surface does not move"
             }
             Self::Wrench(Validity::Implausible) => {
                 "the wrench jumps as no load can: check the network and the sensor for damaged records"
             }
             Self::Wrench(Validity::Misdirected) => {
-                "the force points along the surface, not out of it: check whether something stands in the way, the \
-                 sensor's zero, axes and mounting, and the estimator's normal"
+                "the force points along the surface: check what stands in the way, the sensor's zero and mounting, and the normal"
             }
             Self::Wrench(_) => "sensor reports an error: see wrench/status",
             Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
@@ -143,8 +141,7 @@ impl Fault {
                 "untared reading beyond limits.untared_force_max_n or untared_share_max"
             }
             Self::TravelTouched => {
-                "touched something on the way to the start or home (start.force_max_n): clear the way or guide the arm \
-                 around it, then start with --clear; if nothing was touched, calibrate the payload"
+                "touched something on the way to start or home: clear it, start with --clear; was there nothing, calibrate payload"
             }
             Self::TravelBlocked => {
                 "the arm does not get to the start or home: see arm/state, and the limits of the cell"
@@ -152,6 +149,50 @@ impl Fault {
             Self::StartAway => {
                 "the arm does not stand at start.joints_rad, and this law does not move it there: guide the arm there by hand"
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tangent_sensing::Validity;
+
+    /// `control/state` cuts a reason off at 128 bytes, and what to do stands at its end.
+    #[test]
+    fn a_fault_says_what_to_do_within_the_length_of_a_reason() {
+        let sensor = (0..=u8::MAX).map(Validity::from);
+        let estimator = sensor.clone().map(Fault::Estimate);
+        let others = [
+            Fault::OutOfReach,
+            Fault::NoSurface,
+            Fault::SurfaceLost,
+            Fault::SurfaceEnds,
+            Fault::ContactUnstable,
+            Fault::PathBlocked,
+            Fault::ForceLimit,
+            Fault::TorqueLimit,
+            Fault::Workspace,
+            Fault::ForceNotReached,
+            Fault::NoTare,
+            Fault::ArmNotReady,
+            Fault::ArmState,
+            Fault::TankEmpty,
+            Fault::TaskTimeout,
+            Fault::NotClear,
+            Fault::RetractOpposed,
+            Fault::ZeroInContact,
+            Fault::ZeroTooLarge,
+            Fault::ZeroLost,
+            Fault::ZeroOld,
+            Fault::UntaredLimit,
+            Fault::TravelTouched,
+            Fault::TravelBlocked,
+            Fault::StartAway,
+        ];
+        for fault in sensor.map(Fault::Wrench).chain(estimator).chain(others) {
+            let text = fault.text();
+            assert!(text.len() <= 128, "{} bytes: {text}", text.len());
         }
     }
 }

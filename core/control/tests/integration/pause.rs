@@ -182,3 +182,34 @@ fn a_late_wrench_while_moving_off_is_waited_for() {
     }
     assert_eq!(output.fault, Some(Fault::Wrench(Validity::Stale)));
 }
+
+/// A sensor that fails while the tool approaches: nothing was touched, so the tool goes back to where
+/// it was tared and no further. The task can be started from there again and again.
+#[test]
+fn a_fault_in_the_approach_does_not_march_the_tool_away() {
+    let mut bench = Bench::new(&task().replace("tare = false", "tare = true"));
+    let tared = |input: &mut ControlInput| input.bias_age_s = Some(0.0);
+    let start_m = bench.tool().z;
+    let again = task().replace("tare = false", "tare = true");
+    for _ in 0..4 {
+        while bench.step(tared).phase != Phase::Approach {}
+        while bench.tool().z > start_m - 4e-3 {
+            assert_eq!(bench.step(tared).phase, Phase::Approach);
+        }
+        let silent = |input: &mut ControlInput| {
+            tared(input);
+            input.wrench_age_s = 1.0;
+        };
+        let mut output = bench.step(silent);
+        for _ in 0..2500 {
+            output = bench.step(silent);
+        }
+        assert_eq!(output.phase, Phase::Fault);
+        let off_m = bench.tool().z - start_m;
+        assert!(off_m.abs() < 2e-3, "{off_m} m");
+        bench
+            .controller
+            .start_task(&again.parse().unwrap())
+            .unwrap();
+    }
+}

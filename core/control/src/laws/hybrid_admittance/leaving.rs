@@ -154,10 +154,13 @@ impl Run {
             .retract_speed_m_per_s
             .min(config.leave.blind_speed_m_per_s);
         let patience_s = 1.0 + 3.0 * end.retract_distance_m / speed;
-        let arrived = way_m >= end.retract_distance_m;
+        // A tool that has touched nothing is free where its approach began, and need not go further.
+        let start_m = self.way_to_start_m();
+        let back = start_m.is_some_and(|start_m| way_m >= start_m);
+        let arrived = back || way_m >= end.retract_distance_m;
         if arrived || self.time_in_phase_s() > patience_s {
             self.off = arrived;
-            if arrived && self.left == Leaving::Free {
+            if back || (arrived && self.left == Leaving::Free) {
                 self.clearance = Clearance::Free;
             }
             let phase = if self.fault.is_some() {
@@ -182,6 +185,12 @@ impl Run {
         } else {
             wanted.min(config.leave.blind_speed_m_per_s)
         }
+    }
+
+    /// Distance of a retraction back to where the tool was tared, m, if it has touched nothing since.
+    fn way_to_start_m(&self) -> Option<f64> {
+        let tared_at = self.tared_at.filter(|_| !self.touched)?;
+        Some((tared_at - self.phase_start).dot(&self.retract).max(0.0))
     }
 
     /// Fault of a task that took a zero and has lost it: the sensor's service restarted or withdrew

@@ -155,7 +155,7 @@ impl Losses {
     /// the first loss at this place, or, straight down from there, since the tool last slid on. The
     /// tool goes round a rim.
     pub fn turns_away(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
-        let here = self.place.is_some_and(|(place, first)| {
+        let here = self.place.is_some_and(|(_, first)| {
             self.is_near(position) && angle_between(&first, normal) > TURNS_AWAY_RAD
         });
         let below = self.last.is_some_and(|(last, first)| {

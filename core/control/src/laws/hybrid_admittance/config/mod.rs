@@ -287,7 +287,7 @@ impl Default for PaceConfig {
     fn default() -> Self {
         Self {
             slope_share: 0.35,
-            hit_share: 1.0,
+            hit_share: 0.7,
             force_share: 0.0,
             excess_share: 0.4,
             side_least_n: 2.0,

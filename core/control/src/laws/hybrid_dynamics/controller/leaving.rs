@@ -79,6 +79,7 @@ impl<const N: usize> HybridDynamics<N> {
             from: pose.translation(),
             at: now.tool.translation(),
             velocity: now.linear,
+            free_at: self.run.tared_at,
         };
         (pose, way)
     }

@@ -31,6 +31,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             from: *self.run.held.get_or_insert(now.tool.translation()),
             at: now.tool.translation(),
             velocity: Vector3::zeros(),
+            free_at: None,
         };
         let rules = self.task.rules(&self.limits);
         let felt = (felt.verdict, self.load(now, felt));
@@ -57,6 +58,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             from: start.reference.position,
             at: now.tool.translation(),
             velocity: Vector3::zeros(),
+            free_at: self.run.tared_at,
         };
         let rules = self.task.rules(&self.limits);
         let load = self.load(now, felt);
