@@ -99,7 +99,7 @@ impl Fault {
             }
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
-                "surface lost and not found again within limits.blind_distance_max_m"
+                "surface lost and not found again within control.contact.seek_distance_max_m or limits.blind_distance_max_m"
             }
             Self::SurfaceEnds => {
                 "surface ends or falls away here: keep the path off its edges, or take a larger tip"

@@ -133,6 +133,7 @@ impl Run {
                     return self.leave(percept, Some(fault));
                 }
                 self.tracking.freeze();
+                self.seeks_lost = true;
                 return self.enter(Phase::Seek, percept);
             }
         }
@@ -148,6 +149,7 @@ impl Run {
                     self.low_s = 0.0;
                     self.tared_at = Some(percept.position);
                     // A task that lifted off for a new zero returns to where it was.
+                    self.seeks_lost = false;
                     let back = if self.touched {
                         Phase::Seek
                     } else {
@@ -240,10 +242,17 @@ impl Run {
             Phase::Seek => {
                 let way = -(percept.position - self.phase_start).dot(&self.surface.normal);
                 let speed = self.seek_speed(config, reference_n, &percept.position);
-                let patience = 1.0 + 3.0 * limits.blind_distance_max_m / speed;
+                let most_m = if self.seeks_lost {
+                    limits
+                        .blind_distance_max_m
+                        .min(config.contact.seek_distance_max_m)
+                } else {
+                    limits.blind_distance_max_m
+                };
+                let patience = 1.0 + 3.0 * most_m / speed;
                 if self.in_contact {
                     self.touch(config, percept, speed);
-                } else if way > limits.blind_distance_max_m || waited_s > patience {
+                } else if way > most_m || waited_s > patience {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
             }

@@ -206,6 +206,7 @@ impl Run {
                     self.surface = Surface::new(route.to_normal);
                     let past_s = self.lift.past_s;
                     self.tracking.land(&program.path, past_s, route.lands);
+                    self.seeks_lost = false;
                     self.enter(Phase::Seek, percept);
                 }
             }

@@ -104,6 +104,8 @@ pub(crate) struct Run {
     /// Position of the tool when the zero in force was taken, m; `None` once contact was detected
     /// after it.
     pub tared_at: Option<Vector3<f64>>,
+    /// Whether phase `seek` follows a loss, and not a lift or a new zero.
+    pub seeks_lost: bool,
     /// Whether the tool has lifted off for a new zero in this run.
     pub renewed: bool,
     /// Whether the zero in force turned out to have been taken in contact.
@@ -160,6 +162,7 @@ impl Run {
             leave: LeaveWatch::default(),
             left: Leaving::Going,
             tared_at: None,
+            seeks_lost: false,
             renewed: false,
             zero_withdrawn: false,
             travel: Travel::default(),

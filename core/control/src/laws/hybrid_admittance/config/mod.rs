@@ -201,6 +201,9 @@ pub struct ContactConfig {
     /// Number of contact losses at one place after which the task ends: the surface ends there; 0:
     /// not judged.
     pub lost_here_max: u32,
+    /// Distance into the surface after which the search for a lost surface ends, m, if
+    /// `limits.blind_distance_max_m` is not shorter: a sensor that has died looks like a lost surface.
+    pub seek_distance_max_m: f64,
     /// Force error that counts as settled, as a share of the reference.
     pub settled_share: f64,
     /// Time for which the force must stay settled before the path starts, s.
@@ -308,6 +311,7 @@ impl Default for ContactConfig {
             lost_s: 0.024,
             lost_count_max: 30,
             lost_here_max: 8,
+            seek_distance_max_m: 0.01,
             settled_share: 0.15,
             settled_s: 0.1,
             seek_speed_m_per_s: 0.005,
@@ -357,6 +361,7 @@ impl Presets for ControllerConfig {
             contact: ContactConfig {
                 settled_s: 0.3,
                 lost_here_max: 0,
+                seek_distance_max_m: 0.5,
                 ..default.contact
             },
             pace: PaceConfig {

@@ -88,6 +88,7 @@ const RANGES: Ranges = &[
             ("lost_s", 0.001, 1.0),
             ("lost_count_max", 1.0, 1e6),
             ("lost_here_max", 0.0, 1e6),
+            ("seek_distance_max_m", 0.001, 0.5),
             ("settled_share", 0.01, 0.9),
             ("settled_s", 0.0, 10.0),
             ("seek_speed_m_per_s", 0.0005, 0.05),
