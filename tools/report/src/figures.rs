@@ -3,8 +3,9 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Vector3;
 use serde::Serialize;
-use tangent_control::{CoverageResult, Path, PathSpec};
+use tangent_control::{CoverageResult, Path, PathSpec, Phase};
 use tangent_schemas::tangent::ControlState;
 use tangent_simulation::metrics::object::ObjectFigures;
 use tangent_simulation::metrics::visuo_tactile::VisuoTactileFigures;
@@ -14,9 +15,14 @@ use crate::acceptance::{self, Judged};
 use crate::comparison::{self, EstimatorFigures, Switch};
 use crate::events::Events;
 use crate::run::{Growth, Run};
-use crate::task_run::TaskRun;
+use crate::task_run::{Cycle, TaskRun};
 use crate::tasks::{TaskEntry, phase_of};
 use crate::{coverage, object, tactile};
+
+/// Time at the end of a retraction over which the force of a free tool is averaged, s, and the way
+/// after which a tool is free, m: a soft surface has let go by then.
+const FREE_MEAN_S: f64 = 0.3;
+const FREE_WAY_M: f64 = 0.02;
 
 /// Output of `report --json`.
 #[derive(Clone, Debug, Serialize)]
@@ -91,6 +97,9 @@ pub struct LoopFigures {
     pub zero_age_max_s: Option<f64>,
     /// Largest bound on the error of that zero from its age and the sensor's stated drift, N.
     pub zero_bound_max_n: Option<f64>,
+    /// Mean force that the sensor still showed at the end of the retraction, N: a zero that has moved
+    /// since the tare, or a payload that is not the stated one.
+    pub force_when_free_n: Option<f64>,
 }
 
 /// Nearest-rank quantiles.
@@ -169,7 +178,7 @@ impl Report {
             object_pose: object::figures(run, task),
             tactile: tactile::figures(run, task),
             coverage: coverage::result(run, task),
-            r#loop: loop_figures(run),
+            r#loop: loop_figures(run, task),
             phase: last.map(|c| c.sample.phase.name()),
             accepted: acceptance::accepted(&tolerances, &events),
             tolerances,
@@ -247,7 +256,7 @@ fn controller(run: &Run) -> Option<String> {
         .or_else(|| text_fact(run, "controller", "controller"))
 }
 
-fn loop_figures(run: &Run) -> LoopFigures {
+fn loop_figures(run: &Run, task: &TaskRun<'_>) -> LoopFigures {
     let mut missed = Growth::default();
     for arm in &run.arm {
         missed.add(arm.missed_cycles);
@@ -272,7 +281,47 @@ fn loop_figures(run: &Run) -> LoopFigures {
         messages_dropped: run.messages_dropped(),
         zero_age_max_s: greatest(|c| c.zero_age_s),
         zero_bound_max_n: greatest(|c| c.zero_bound_n),
+        force_when_free_n: force_when_free_n(&leaving(task)),
     }
+}
+
+/// One cycle of a retraction.
+#[derive(Clone, Copy, Debug)]
+struct Leaving {
+    time_s: f64,
+    /// Position of the tool, m.
+    at: Vector3<f64>,
+    /// Force on the tool, N, if it is usable.
+    force: Option<Vector3<f64>>,
+}
+
+/// The last retraction of a task.
+fn leaving(task: &TaskRun<'_>) -> Vec<Leaving> {
+    let is_leaving = |cycle: &&Cycle<'_>| cycle.sample.phase == Phase::Retract;
+    let back = task.cycles.iter().rev();
+    let mut cycles: Vec<Leaving> = back
+        .skip_while(|cycle| !is_leaving(cycle))
+        .take_while(is_leaving)
+        .map(|cycle| Leaving {
+            time_s: cycle.time_s,
+            at: cycle.sample.tool_position,
+            force: (cycle.control.wrench_validity == 0)
+                .then(|| Vector3::from(&cycle.control.wrench.force)),
+        })
+        .collect();
+    cycles.reverse();
+    cycles
+}
+
+/// Mean force over the end of a retraction, N, if the tool has moved off far enough.
+fn force_when_free_n(leaving: &[Leaving]) -> Option<f64> {
+    let (first, last) = (leaving.first()?, leaving.last()?);
+    let late = leaving.iter().filter(|cycle| {
+        cycle.time_s > last.time_s - FREE_MEAN_S && (cycle.at - first.at).norm() > FREE_WAY_M
+    });
+    let forces: Vec<Vector3<f64>> = late.filter_map(|cycle| cycle.force).collect();
+    let sum: Vector3<f64> = forces.iter().sum();
+    (!forces.is_empty()).then(|| sum.norm() / forces.len() as f64)
 }
 
 #[cfg(test)]
@@ -287,5 +336,26 @@ mod tests {
             (500.0, 990.0, 999.0, 1000.0)
         );
         assert_eq!(Quantiles::of(Vec::new()), None);
+    }
+
+    #[test]
+    fn a_zero_that_has_moved_shows_when_the_tool_hangs_free() {
+        let (pressed, moved) = (Vector3::z() * -2.0, Vector3::new(0.6, 0.0, -0.8));
+        let cycle = |i: u32, still_m: f64| {
+            let way_m = 1e-3 * f64::from(i);
+            Leaving {
+                time_s: 0.02 * f64::from(i),
+                at: Vector3::z() * way_m.min(still_m),
+                force: (i % 3 > 0).then_some(if i < 20 { pressed } else { moved }),
+            }
+        };
+        let off: Vec<_> = (0..50).map(|i| cycle(i, 1.0)).collect();
+        assert!((force_when_free_n(&off).unwrap() - 1.0).abs() < 1e-9);
+        // Off by 10 mm only; without a usable reading; no retraction.
+        let near: Vec<_> = (0..50).map(|i| cycle(i, 0.01)).collect();
+        assert_eq!(force_when_free_n(&near), None);
+        let silent: Vec<_> = off.iter().map(|c| Leaving { force: None, ..*c }).collect();
+        assert_eq!(force_when_free_n(&silent), None);
+        assert_eq!(force_when_free_n(&[]), None);
     }
 }

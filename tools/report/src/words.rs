@@ -8,6 +8,9 @@ use crate::shown_time::shown_s;
 use crate::tasks::TaskEntry;
 use crate::{coverage, object, tactile};
 
+/// Force that noise and a payload may leave on the sensor of a free tool, N.
+const FREE_NOISE_N: f64 = 0.3;
+
 /// Formats the main figures for a terminal.
 pub fn words(report: &Report) -> String {
     let f = &report.figures;
@@ -99,6 +102,17 @@ pub fn words(report: &Report) -> String {
             format!(": the force may be wrong by {n:.2} N")
         });
         lines.push(format!("sensor's zero    at most {age_s:.0} s old{bound}"));
+    }
+    if let Some(free_n) = l.force_when_free_n {
+        let known_n = l.zero_bound_max_n.unwrap_or(0.0) + FREE_NOISE_N;
+        let so = if free_n > known_n {
+            ": by as much the forces of this task may be wrong; tare, and check payload and cable"
+        } else {
+            ""
+        };
+        lines.push(format!(
+            "tool hung free   with {free_n:.2} N on the sensor after the task{so}"
+        ));
     }
     for switch in &report.estimator_switches {
         lines.push(format!(

@@ -272,6 +272,11 @@ pub(super) fn table(report: &Report) -> String {
             }),
         ),
         (
+            "Force on the free tool after the task",
+            "what the sensor still showed at the end of the retraction: its zero has moved, or the payload is not the stated one",
+            report.r#loop.force_when_free_n.map(|n| format!("{n:.2} N")),
+        ),
+        (
             "Messages missing in the recording",
             "",
             report.r#loop.messages_dropped.map(|n| n.to_string()),
