@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use tangent_mechanics::{Aligned, Base, Contact, Pose, Tool, Twist, Wrench};
 
 use super::admittance::{Admittance, AdmittanceState};
-use super::config::ControllerConfig;
+use super::config::{ControllerConfig, ForceConfig};
 use super::delay_in_use::{delay_longest_s, delay_shortest_s};
 use super::force_integral::ForceIntegral;
 use super::recoil::Recoil;
@@ -201,7 +201,7 @@ impl ForceLaw {
         let error_n = if waiting {
             0.0
         } else {
-            force_n - self.reference_n
+            force_n - self.reference_n + near_limit_n(force, limits, &measured.force)
         };
         let torque = base_from_contact.inverse_transform_vector(&measured.torque);
         let error = Wrench::<Contact>::new(
@@ -267,6 +267,16 @@ fn contact_axes(normal: &Vector3<f64>, base_from_tool: &Pose<Base, Tool>) -> Uni
     let y = normal.cross(&x);
     let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, *normal]));
     UnitQuaternion::from_rotation_matrix(&axes)
+}
+
+/// Force by which the tool gives way, N, because the whole force comes near its limit. With a normal
+/// that is wrong by 25 degrees, friction and slope together take the half of a force off the part
+/// along that normal, on which the law presses.
+fn near_limit_n(config: &ForceConfig, limits: &Limits, force: &Vector3<f64>) -> f64 {
+    if config.limit_share <= 0.0 {
+        return 0.0;
+    }
+    (force.norm() - config.limit_share * limits.force_max_n).max(0.0)
 }
 
 #[cfg(test)]
