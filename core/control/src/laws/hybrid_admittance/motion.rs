@@ -302,6 +302,13 @@ fn along_path(
             };
             let bound = speed_bound(&config.pace, deviation, &force);
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
+            // Uphill on a slope that is not known yet the whole force rises, whatever the law holds.
+            let whole_n = percept.wrench.map_or(0.0, |wrench| wrench.force.norm());
+            let reached = ForceLoop {
+                reference_n: reference_n.max(whole_n),
+                ..force
+            };
+            let bound = bound.min(obstacle_bound(&config.pace, limits.force_max_n, &reached));
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;
             let speed = speed.max(least * path_speed);
             if let Some(step) = run
