@@ -18,7 +18,8 @@ use crate::task::{EndSpec, Task};
 
 /// Share of its distance that a retraction must actually cover to count.
 const GONE_SHARE: f64 = 0.5;
-/// Least distance of a retraction to where the tool is free, m.
+/// Least distance of a retraction to where the tool is free, m, and what an arm that gives way may
+/// lack of any.
 const FREE_LEAST_M: f64 = 1e-3;
 /// Time for which a retraction's reference must have stood at its end before the retraction is
 /// over, s.
@@ -323,7 +324,7 @@ impl Departure {
             return Retracting::Going(step);
         }
         // An arm that did not follow has not left the surface.
-        self.off = gone_m > GONE_SHARE * distance_m;
+        self.off = gone_m > GONE_SHARE * distance_m - FREE_LEAST_M;
         if self.off && (to_free || self.left == Leaving::Free) {
             self.clearance = Clearance::Free;
         }
