@@ -128,8 +128,8 @@ impl<P> Watch<P> {
         }
     }
 
-    /// The fault as text. If a tare is missing, the text says why it was refused; if the `arm` takes
-    /// no commands, why it does not.
+    /// The fault as text. If a tare is missing, the text says why it was refused; if the `arm`
+    /// takes no commands, why it does not.
     pub fn fault_text(&mut self, fault: Option<Fault>, text: Text, arm: &ArmState) -> Text {
         if let Some(reason) = self.mailbox.tare_refused.pop() {
             self.tare_refused = reason;

@@ -97,8 +97,8 @@ pub struct LoopFigures {
     pub zero_age_max_s: Option<f64>,
     /// Largest bound on the error of that zero from its age and the sensor's stated drift, N.
     pub zero_bound_max_n: Option<f64>,
-    /// Mean force that the sensor still showed at the end of the retraction, N: a zero that has moved
-    /// since the tare, or a payload that is not the stated one.
+    /// Mean force that the sensor still showed at the end of the retraction, N: a zero that has
+    /// moved since the tare, or a payload that is not the stated one.
     pub force_when_free_n: Option<f64>,
 }
 

@@ -183,8 +183,8 @@ fn a_late_wrench_while_moving_off_is_waited_for() {
     assert_eq!(output.fault, Some(Fault::Wrench(Validity::Stale)));
 }
 
-/// A sensor that fails while the tool approaches: nothing was touched, so the tool goes back to where
-/// it was tared and no further. The task can be started from there again and again.
+/// A sensor that fails while the tool approaches: nothing was touched, so the tool goes back to
+/// where it was tared and no further. The task can be started from there again and again.
 #[test]
 fn a_fault_in_the_approach_does_not_march_the_tool_away() {
     let mut bench = Bench::new(&task().replace("tare = false", "tare = true"));

@@ -250,8 +250,8 @@ fn a_tool_without_an_estimate_waits_until_it_presses() {
     }
 }
 
-/// A tool that rolls over a rim or falls beside it: the surface ends there or is lost, and nothing is
-/// wrong with the sensor.
+/// A tool that rolls over a rim or falls beside it: the surface ends there or is lost, and nothing
+/// is wrong with the sensor.
 #[test]
 fn a_force_along_the_surface_at_a_rim_says_that_the_surface_ends() {
     for (number, seed) in [

@@ -269,9 +269,9 @@ fn contact_axes(normal: &Vector3<f64>, base_from_tool: &Pose<Base, Tool>) -> Uni
     UnitQuaternion::from_rotation_matrix(&axes)
 }
 
-/// Force by which the tool gives way, N, because the whole force comes near its limit. With a normal
-/// that is wrong by 25 degrees, friction and slope together take the half of a force off the part
-/// along that normal, on which the law presses.
+/// Force by which the tool gives way, N, because the whole force comes near its limit. With a
+/// normal that is wrong by 25 degrees, friction and slope together take the half of a force off the
+/// part along that normal, on which the law presses.
 fn near_limit_n(config: &ForceConfig, limits: &Limits, force: &Vector3<f64>) -> f64 {
     if config.limit_share <= 0.0 {
         return 0.0;

@@ -154,7 +154,8 @@ impl Run {
             .retract_speed_m_per_s
             .min(config.leave.blind_speed_m_per_s);
         let patience_s = 1.0 + 3.0 * end.retract_distance_m / speed;
-        // A tool that has touched nothing is free where its approach began, and need not go further.
+        // A tool that has touched nothing is free where its approach began, and need not go
+        // further.
         let start_m = self.way_to_start_m();
         let back = start_m.is_some_and(|start_m| way_m >= start_m);
         let arrived = back || way_m >= end.retract_distance_m;
@@ -187,7 +188,8 @@ impl Run {
         }
     }
 
-    /// Distance of a retraction back to where the tool was tared, m, if it has touched nothing since.
+    /// Distance of a retraction back to where the tool was tared, m, if it has touched nothing
+    /// since.
     fn way_to_start_m(&self) -> Option<f64> {
         let tared_at = self.tared_at.filter(|_| !self.touched)?;
         Some((tared_at - self.phase_start).dot(&self.retract).max(0.0))

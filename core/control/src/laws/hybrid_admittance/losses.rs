@@ -24,9 +24,9 @@ const DEEPER_M: f64 = 1e-3;
 /// Turn of the normal at one place where a surface ends, rad: more than a normal that was wrong by
 /// 25 degrees and a curvature of 40 per metre over [`PLACE_M`].
 const TURNS_AWAY_RAD: f64 = 0.9;
-/// Distance from a loss, m, within which a tool further in is beside a wall below it: how many times
-/// as far in as aside it is there, and the turn of the normal, rad, both more than those of a body
-/// with a diameter of 50 mm and a normal that was wrong by 25 degrees.
+/// Distance from a loss, m, within which a tool further in is beside a wall below it: how many
+/// times as far in as aside it is there, and the turn of the normal, rad, both more than those of a
+/// body with a diameter of 50 mm and a normal that was wrong by 25 degrees.
 const BELOW_M: f64 = 0.03;
 const STEEP: f64 = 2.0;
 const UPRIGHT_RAD: f64 = 1.1;
@@ -151,9 +151,9 @@ impl Losses {
         self.is_near(position) && self.is_rim()
     }
 
-    /// Whether the normal in use at `position` (m) has turned further than a surface can turn: since
-    /// the first loss at this place, or, straight down from there, since the tool last slid on. The
-    /// tool goes round a rim.
+    /// Whether the normal in use at `position` (m) has turned further than a surface can turn:
+    /// since the first loss at this place, or, straight down from there, since the tool last slid
+    /// on. The tool goes round a rim.
     pub fn turns_away(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
         let here = self.place.is_some_and(|(_, first)| {
             self.is_near(position) && angle_between(&first, normal) > TURNS_AWAY_RAD

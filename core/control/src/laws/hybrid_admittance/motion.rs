@@ -302,7 +302,8 @@ fn along_path(
             };
             let bound = speed_bound(&config.pace, deviation, &force);
             let bend_m = FRICTION_EXPECTED * reference_n / force.stiffness_n_per_m;
-            // Uphill on a slope that is not known yet the whole force rises, whatever the law holds.
+            // Uphill on a slope that is not known yet the whole force rises, whatever the law
+            // holds.
             let whole_n = percept.wrench.map_or(0.0, |wrench| wrench.force.norm());
             let reached = ForceLoop {
                 reference_n: reference_n.max(whole_n),

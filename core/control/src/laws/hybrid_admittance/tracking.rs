@@ -178,8 +178,8 @@ impl Tracking {
         -self.flat(normal) / normal.dot(&self.plane_normal).max(COSINE_MIN)
     }
 
-    /// Whether the path over the plane cannot be followed on a surface with this normal, which faces
-    /// away from the plane.
+    /// Whether the path over the plane cannot be followed on a surface with this normal, which
+    /// faces away from the plane.
     pub(crate) fn faces_away(&self, normal: &Vector3<f64>) -> bool {
         self.over_plane && normal.dot(&self.plane_normal) < 0.0
     }

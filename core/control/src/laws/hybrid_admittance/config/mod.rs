@@ -69,8 +69,8 @@ pub struct ForceConfig {
     pub speed_max_m_per_s: f64,
     /// Rate at which a changed reference takes effect, N/s.
     pub reference_rate_n_per_s: f64,
-    /// Share of `limits.force_max_n` above which the whole force, not only its part along the normal
-    /// in use, makes the tool give way along that normal; 0: never.
+    /// Share of `limits.force_max_n` above which the whole force, not only its part along the
+    /// normal in use, makes the tool give way along that normal; 0: never.
     pub limit_share: f64,
     /// Bounds the energy that a task may put into the surface along the normal, however long it
     /// lasts: covers a surface that yields without end, and a wrong normal. `None`: only
@@ -205,7 +205,8 @@ pub struct ContactConfig {
     /// not judged.
     pub lost_here_max: u32,
     /// Distance into the surface after which the search for a lost surface ends, m, if
-    /// `limits.blind_distance_max_m` is not shorter: a sensor that has died looks like a lost surface.
+    /// `limits.blind_distance_max_m` is not shorter: a sensor that has died looks like a lost
+    /// surface.
     pub seek_distance_max_m: f64,
     /// Force error that counts as settled, as a share of the reference.
     pub settled_share: f64,
