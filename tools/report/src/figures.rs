@@ -346,7 +346,7 @@ mod tests {
             Leaving {
                 time_s: 0.02 * f64::from(i),
                 at: Vector3::z() * way_m.min(still_m),
-                force: (i % 3 > 0).then_some(if i < 20 { pressed } else { moved }),
+                force: (!i.is_multiple_of(3)).then_some(if i < 20 { pressed } else { moved }),
             }
         };
         let off: Vec<_> = (0..50).map(|i| cycle(i, 1.0)).collect();
