@@ -70,7 +70,8 @@ pub struct ForceConfig {
     /// Rate at which a changed reference takes effect, N/s.
     pub reference_rate_n_per_s: f64,
     /// Share of `limits.force_max_n` above which the whole force, not only its part along the
-    /// normal in use, makes the tool give way along that normal; 0: never.
+    /// normal in use, makes the tool give way along that normal, but not in the lower half of what
+    /// the reference leaves up to the limit; 0: never.
     pub limit_share: f64,
     /// Bounds the energy that a task may put into the surface along the normal, however long it
     /// lasts: covers a surface that yields without end, and a wrong normal. `None`: only
