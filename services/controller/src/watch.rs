@@ -61,6 +61,7 @@ pub struct Watch<P> {
     cycle: Option<u64>,
     phase: Phase,
     fault: Option<Fault>,
+    /// The fault as text, as last reported.
     text: Text,
     /// Whether a person confirmed before this start that the tool is free: the next tare relies on
     /// it.

@@ -80,7 +80,7 @@ pub struct Report {
     pub recording: RecordingFigures,
 }
 
-/// Timing and losses of the live loop, over the whole recording.
+/// Timing and losses of the live loop over the whole recording, and the sensor's zero.
 #[derive(Clone, Debug, Serialize)]
 pub struct LoopFigures {
     /// Time from a robot packet's arrival to the command's departure, µs.
@@ -97,7 +97,7 @@ pub struct LoopFigures {
     pub zero_age_max_s: Option<f64>,
     /// Largest bound on the error of that zero from its age and the sensor's stated drift, N.
     pub zero_bound_max_n: Option<f64>,
-    /// Mean force that the sensor still showed at the end of the retraction, N: a zero that has
+    /// Mean force that the sensor still showed at the end of this task, N: a zero that has
     /// moved since the tare, or a payload that is not the stated one.
     pub force_when_free_n: Option<f64>,
 }

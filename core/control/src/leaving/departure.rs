@@ -338,7 +338,12 @@ mod tests {
 
     /// Distance of a retraction from the origin, m, and whether the tool is then known to be free.
     fn retracted(free_at: Option<Vector3<f64>>) -> (f64, bool) {
-        let task = "name = \"line\"\nestimators = [\"first\"]\nforce.reference_n = 3.0\npath = { kind = \"line\", to_m = [0.04, 0.0], speed_m_per_s = 0.02 }";
+        let task = r#"
+            name = "line"
+            estimators = ["first"]
+            force.reference_n = 3.0
+            path = { kind = "line", to_m = [0.04, 0.0], speed_m_per_s = 0.02 }
+        "#;
         let task: Task = task.parse().unwrap();
         let (leave, path) = (LeaveConfig::default(), PathProfileConfig::default());
         let rules = Rules::new(leave, path, &task, &Limits::default());

@@ -99,7 +99,7 @@ impl Fault {
             }
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
-                "surface lost and not found again within control.contact.seek_distance_max_m or limits.blind_distance_max_m"
+                "surface lost and not found again within contact.seek_distance_max_m or limits.blind_distance_max_m"
             }
             Self::SurfaceEnds => {
                 "surface ends or falls away here: keep the path off its edges, or take a larger tip"
@@ -141,7 +141,7 @@ impl Fault {
                 "untared reading beyond limits.untared_force_max_n or untared_share_max"
             }
             Self::TravelTouched => {
-                "touched something on the way to start or home: clear it, start with --clear; was there nothing, calibrate payload"
+                "touched something on the way to start or home: clear the way, start with --clear; if nothing is there, calibrate payload"
             }
             Self::TravelBlocked => {
                 "the arm does not get to the start or home: see arm/state, and the limits of the cell"

@@ -212,6 +212,9 @@ fn what_is_not_there_is_not_pushed_for_ever() {
     }
     assert_eq!(output.fault, Some(Fault::SurfaceLost));
     assert!(at - lowest < Limits::default().blind_distance_max_m + 0.005);
+    // A sensor that reads nothing any more looks the same.
+    let seek_m = ControllerConfig::default().contact.seek_distance_max_m;
+    assert!(at - lowest < seek_m + 0.005, "{} m", at - lowest);
 }
 
 #[test]

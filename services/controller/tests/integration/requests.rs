@@ -147,6 +147,8 @@ fn a_stop_takes_the_tool_off_after_a_fault_or_says_why_it_cannot() {
         cell.slide(&long_task());
         cell.ready = false;
         cell.run_until("fault");
+        let fault = "arm does not take commands: protective stop";
+        assert_eq!(cell.said().fault.as_str(), fault);
         let pressing = height(&cell);
         let answer = stop(&mut cell);
         assert!(!answer.done, "{}", answer.message);
@@ -160,6 +162,7 @@ fn a_stop_takes_the_tool_off_after_a_fault_or_says_why_it_cannot() {
         cell.latched = cell.said().activation;
         cell.ready = true;
         cell.packet(true);
+        assert_eq!(cell.said().fault.as_str(), fault);
         let answer = stop(&mut cell);
         assert!(answer.done, "{}", answer.message);
         assert_eq!(answer.message, "retracting");

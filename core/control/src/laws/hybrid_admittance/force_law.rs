@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use tangent_mechanics::{Aligned, Base, Contact, Pose, Tool, Twist, Wrench};
 
 use super::admittance::{Admittance, AdmittanceState};
-use super::config::{ControllerConfig, ForceConfig};
+use super::config::ControllerConfig;
 use super::delay_in_use::{delay_longest_s, delay_shortest_s};
 use super::force_integral::ForceIntegral;
 use super::recoil::Recoil;
@@ -202,7 +202,6 @@ impl ForceLaw {
             0.0
         } else {
             force_n - self.reference_n
-                + near_limit_n(force, limits, reference_n, force_n, &measured.force)
         };
         let torque = base_from_contact.inverse_transform_vector(&measured.torque);
         let error = Wrench::<Contact>::new(
@@ -270,65 +269,10 @@ fn contact_axes(normal: &Vector3<f64>, base_from_tool: &Pose<Base, Tool>) -> Uni
     UnitQuaternion::from_rotation_matrix(&axes)
 }
 
-/// Force by which the tool gives way, N, because the whole force comes near its limit. With a
-/// normal that is wrong by 25 degrees, friction and slope together take the half of a force off the
-/// part along that normal, on which the law presses.
-fn near_limit_n(
-    config: &ForceConfig,
-    limits: &Limits,
-    reference_n: f64,
-    pressing_n: f64,
-    force: &Vector3<f64>,
-) -> f64 {
-    if config.limit_share <= 0.0 {
-        return 0.0;
-    }
-    // Half of the room is left to friction where the reference itself is near the limit.
-    let half_n = f64::midpoint(reference_n, limits.force_max_n);
-    let near_n = half_n.max(config.limit_share * limits.force_max_n);
-    // Not by more than what presses: a force along the surface is not less above it.
-    (force.norm() - near_n).clamp(0.0, pressing_n.max(0.0))
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::touchdown::touchdown_speed;
     use super::*;
-
-    #[test]
-    fn a_whole_force_near_its_limit_gives_way_and_friction_alone_does_not() {
-        let config = ForceConfig::default();
-        let gives_way_n = |reference_n, limit_n, aside_n| {
-            let limits = Limits {
-                force_max_n: limit_n,
-                ..Limits::default()
-            };
-            near_limit_n(
-                &config,
-                &limits,
-                reference_n,
-                reference_n,
-                &Vector3::new(aside_n, 0.0, reference_n),
-            )
-        };
-        assert_eq!(gives_way_n(15.0, 30.0, 13.5), 0.0);
-        assert!(gives_way_n(15.0, 30.0, 24.0) > 3.0);
-        // A reference near the limit.
-        assert_eq!(gives_way_n(15.0, 18.0, 6.0), 0.0);
-        let never = ForceConfig {
-            limit_share: 0.0,
-            ..config
-        };
-        let force = Vector3::z() * 100.0;
-        assert_eq!(
-            near_limit_n(&never, &Limits::default(), 15.0, 100.0, &force),
-            0.0
-        );
-        // A load that pulls the tool in.
-        let (limits, force) = (Limits::default(), Vector3::new(190.0, 0.0, -47.0));
-        assert_eq!(near_limit_n(&config, &limits, 3.0, -47.0, &force), 0.0);
-    }
-
     use crate::parameters::presets::Presets;
     use proptest::prelude::*;
     use std::collections::VecDeque;

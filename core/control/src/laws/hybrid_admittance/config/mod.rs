@@ -69,10 +69,6 @@ pub struct ForceConfig {
     pub speed_max_m_per_s: f64,
     /// Rate at which a changed reference takes effect, N/s.
     pub reference_rate_n_per_s: f64,
-    /// Share of `limits.force_max_n` above which the whole force, not only its part along the
-    /// normal in use, makes the tool give way along that normal, but not in the lower half of what
-    /// the reference leaves up to the limit; 0: never.
-    pub limit_share: f64,
     /// Bounds the energy that a task may put into the surface along the normal, however long it
     /// lasts: covers a surface that yields without end, and a wrong normal. `None`: only
     /// `limits.power_max_w` applies.
@@ -234,7 +230,6 @@ impl Default for ForceConfig {
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
             reference_rate_n_per_s: 8.0,
-            limit_share: 0.8,
             tank: None,
         }
     }
@@ -340,7 +335,6 @@ impl Presets for ControllerConfig {
                 loop_delay_sd_s: 0.0,
                 // In effect a step: the published law has no ramp.
                 reference_rate_n_per_s: 100.0,
-                limit_share: 0.0,
                 ..default.force
             },
             torque: TorqueConfig {

@@ -21,7 +21,6 @@ const RANGES: Ranges = &[
             ("integral_speed_max_m_per_s", 0.0, 0.1),
             ("speed_max_m_per_s", 0.001, 0.1),
             ("reference_rate_n_per_s", 0.1, 100.0),
-            ("limit_share", 0.0, 1.0),
         ],
     ),
     ("force.tank", TANK),
