@@ -54,6 +54,9 @@ pub(crate) struct DepthRule {
     pub edge_speed_m_per_s: f64,
     /// Depth without a change of the force that the cell allows, m.
     pub blind_max_m: f64,
+    /// Share of the reference by which it may be lowered to see whether the reading follows; 0:
+    /// never.
+    pub probe_share: f64,
 }
 
 /// Measurements of one cycle in which the tool presses.
@@ -126,10 +129,20 @@ impl Answer {
         self.stiffness_n_per_m
     }
 
+    /// Standard error of the mean of the pressing force, N, at this period.
+    pub fn error_n(&self, dt_s: f64) -> f64 {
+        (self.variance * dt_s / (2.0 * MEAN_S)).sqrt()
+    }
+
+    /// Counts depth and mean from here: another observation has shown that the reading is alive.
+    pub fn accept(&mut self) {
+        self.moved = self.now;
+    }
+
     /// Processes one cycle; returns whether the mean should have followed and did not.
     pub fn is_missing(&mut self, pressed: &Pressed) -> bool {
         self.average(pressed);
-        let error_n = (self.variance * pressed.dt_s / (2.0 * MEAN_S)).sqrt();
+        let error_n = self.error_n(pressed.dt_s);
         self.learn(pressed, error_n);
         let followed_n = self.now.force_n - self.moved.force_n;
         let least_n = MOVED_N.max(MOVED_SHARE * pressed.reference_n);
@@ -216,6 +229,7 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                probe_share: 0.0,
             },
             dt_s: 1e-3,
         };
@@ -268,6 +282,7 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                probe_share: 0.0,
             },
             dt_s: 1e-3,
         };
@@ -291,6 +306,7 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                probe_share: 0.0,
             },
             dt_s: 1e-3,
         };

@@ -4,9 +4,9 @@
 //! Every law calls it each cycle beside the wrench guard, before it uses the wrench. Three
 //! observations rule out a working sensor: the tool goes deeper or comes out while the reading does
 //! not change; the tool goes deeper while the reading's mean does not rise (`answer`: a dead sensor
-//! that still produces noise); the tool leaves the surface while the pressing force remains. One
-//! case cannot be distinguished here: a dead sensor and a surface that recedes no more steeply than
-//! the possible error of the normal both need more motion at the same force.
+//! that still produces noise); the tool leaves the surface while the pressing force remains. A dead
+//! sensor, and a surface that recedes no more steeply than the possible error of the normal, both
+//! need more motion at the same force: only a lower reference tells them apart (`reference_probe`).
 
 use nalgebra::{Vector3, Vector6};
 use tangent_sensing::Validity;
@@ -14,6 +14,7 @@ use tangent_sensing::Validity;
 use crate::limits::answer::{Answer, DepthRule, Pressed};
 use crate::limits::direction::{Aimed, Direction};
 use crate::limits::falling_away::{FallingAway, Felt};
+use crate::limits::reference_probe::{Held, ReferenceProbe};
 use crate::phase_machine::Phase;
 
 /// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
@@ -85,8 +86,9 @@ pub(crate) struct Touch {
     pub wrench: Vector6<f64>,
     /// Pressing force of that wrench, N.
     pub force_n: f64,
-    /// Reference of the pressing force, N.
+    /// Reference of the pressing force, and the one in effect, N.
     pub reference_n: f64,
+    pub in_effect_n: f64,
     /// Measured stiffness of the contact, N/m; `None` if not measured.
     pub stiffness_n_per_m: Option<f64>,
     /// Whether the law gives way to a load along the surface.
@@ -145,6 +147,11 @@ impl Still {
 pub(crate) struct ResponseGuard {
     still: Option<Still>,
     answer: Option<Answer>,
+    probe: Option<ReferenceProbe>,
+    /// Whether the reading does not follow the reference.
+    missed: bool,
+    /// Whether the reading must be proved, because it changes too little.
+    doubted: bool,
     direction: Option<Direction>,
     /// Stiffness measured in the last contact, N/m.
     stiffness_n_per_m: Option<f64>,
@@ -183,6 +190,7 @@ impl ResponseGuard {
                 | self.stays_while_leaving(touch);
             let aside = self.points_aside(touch, &step);
             let found = match (dead, aside) {
+                _ if std::mem::take(&mut self.missed) => Some(Validity::Unresponsive),
                 // The tool moved in, and what was pressed is no longer there: the surface's doing.
                 _ if presses_less && touch.depth.is_some() => {
                     if self.fall.looks_again(dead || aside, touch.dt_s) {
@@ -203,7 +211,13 @@ impl ResponseGuard {
     /// Whether the surface may end here, or be steeper than the normal in use says: the path should
     /// stand until the force is back.
     pub fn doubts_surface(&self) -> bool {
-        self.fall.is_doubted()
+        self.fall.is_doubted() || self.probe.is_some_and(|probe| probe.stands())
+    }
+
+    /// Share of the reference that the law should hold: less where only a lower reference tells a
+    /// live reading from a dead one.
+    pub fn reference_share(&self) -> f64 {
+        self.probe.map_or(1.0, |probe| probe.share())
     }
 
     /// Whether the surface ends or falls away here.
@@ -213,6 +227,7 @@ impl ResponseGuard {
 
     /// Ends the comparison of force and depth, and keeps the stiffness that it has shown.
     fn end_answer(&mut self) {
+        self.probe = None;
         if let Some(answer) = self.answer.take() {
             self.stiffness_n_per_m = answer.stiffness_n_per_m().or(self.stiffness_n_per_m);
         }
@@ -269,10 +284,21 @@ impl ResponseGuard {
         let unfelt = UNFELT_N.max(UNFELT_SHARE * touch.reference_n);
         let enough = (unfelt / stiffness).clamp(WAY_MIN_M, WAY_M);
         // A normal that is off by 20 degrees turns sliding along the surface into apparent depth.
-        since_s >= LATE_S && depth_m.abs() - 0.36 * across_m - edge_m >= enough
+        let stands = since_s >= LATE_S && depth_m.abs() - 0.36 * across_m - edge_m >= enough;
+        let probes = touch
+            .depth
+            .is_some_and(|rule| rule.probe_share > 0.0 && !rule.settling);
+        if stands && probes && changed > STILL_N {
+            // A reading that changes a little may be a surface far softer than thought.
+            self.doubted = true;
+            self.still = None;
+            return false;
+        }
+        stands
     }
 
-    /// Whether the tool goes deeper while the mean of the noisy reading does not rise.
+    /// Whether the tool goes deeper while the mean of the noisy reading does not rise. Where the
+    /// reference may be lowered, and does not still build up, that is only a doubt.
     fn does_not_follow(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
         if !touch.presses(TOUCHED_SHARE) {
             self.end_answer();
@@ -291,13 +317,32 @@ impl ResponseGuard {
             rule,
             dt_s: touch.dt_s,
         };
-        match &mut self.answer {
-            Some(answer) => answer.is_missing(&pressed),
-            None => {
-                self.answer = Some(Answer::new(&pressed, self.stiffness_n_per_m));
-                false
-            }
+        let Some(answer) = &mut self.answer else {
+            self.answer = Some(Answer::new(&pressed, self.stiffness_n_per_m));
+            return false;
+        };
+        let missing = answer.is_missing(&pressed);
+        if rule.probe_share <= 0.0 {
+            return missing;
         }
+        let held = Held {
+            step: *step,
+            normal: touch.normal,
+            axial_n: -touch.wrench.z,
+            error_n: answer.error_n(touch.dt_s),
+            reference_n: touch.reference_n,
+            in_effect_n: touch.in_effect_n,
+            down_share: rule.probe_share,
+            stiffness_n_per_m: answer.stiffness_n_per_m(),
+            doubted: (missing || std::mem::take(&mut self.doubted)) && !rule.settling,
+            dt_s: touch.dt_s,
+        };
+        let probe = self.probe.get_or_insert(ReferenceProbe::new(&held));
+        self.missed = probe.is_missed(&held);
+        if probe.is_proved() {
+            answer.accept();
+        }
+        missing && rule.settling
     }
 
     /// Whether the force points where no contact can press. Judged under the same law as the depth.
@@ -347,6 +392,7 @@ mod tests {
             wrench: Vector6::new(0.0, 0.0, -force_n, 0.0, 0.0, 0.0),
             force_n,
             reference_n: 3.0,
+            in_effect_n: 3.0,
             stiffness_n_per_m: None,
             gives_way: false,
             rests: true,
@@ -356,6 +402,7 @@ mod tests {
                 slope: 0.36,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                probe_share: 0.0,
             }),
             dt_s: 0.008,
         }

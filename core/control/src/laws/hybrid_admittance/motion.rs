@@ -112,7 +112,7 @@ pub(super) fn wanted_twist<const N: usize>(
                 run.force.step(
                     config,
                     limits,
-                    reference_n,
+                    reference_n * run.response.reference_share(),
                     &ForceSample {
                         wrench,
                         base_from_tool: input.base_from_tool,

@@ -50,7 +50,7 @@ impl Run {
         if std::mem::take(&mut self.starts_here) {
             self.phase_start = position;
         }
-        let validity = self.answering(input, reference_n, limits.blind_distance_max_m);
+        let validity = self.answering(config, limits, input, reference_n);
         let verdict = if self.phase == Phase::Tare {
             WrenchVerdict::Good
         } else {
@@ -142,9 +142,10 @@ impl Run {
     /// motion.
     fn answering<const N: usize>(
         &mut self,
+        config: &ControllerConfig,
+        limits: &Limits,
         input: &ControlInput<N>,
         reference_n: f64,
-        blind_max_m: f64,
     ) -> Validity {
         if !input.wrench_validity.is_valid() {
             return input.wrench_validity;
@@ -162,6 +163,7 @@ impl Run {
             wrench: input.wrench.vector(),
             force_n: pose.rotate(&input.wrench.force).dot(&normal),
             reference_n,
+            in_effect_n: self.force.reference_n(),
             stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
             gives_way: self.gives_way,
             rests: input.base.is_none(),
@@ -170,7 +172,8 @@ impl Run {
                 settling: self.phase == Phase::Contact,
                 slope: SLOPE,
                 edge_speed_m_per_s: TIP_RADIUS_M * input.twist.angular.norm(),
-                blind_max_m,
+                blind_max_m: limits.blind_distance_max_m,
+                probe_share: config.force.probe_share,
             }),
             dt_s: input.dt_s,
         })

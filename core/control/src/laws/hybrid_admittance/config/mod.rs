@@ -69,6 +69,9 @@ pub struct ForceConfig {
     pub speed_max_m_per_s: f64,
     /// Rate at which a changed reference takes effect, N/s.
     pub reference_rate_n_per_s: f64,
+    /// Share of the reference by which it is lowered at most, for a moment, to see whether the
+    /// reading still follows: a reading that has died looks like a surface that recedes. 0: never.
+    pub probe_share: f64,
     /// Bounds the energy that a task may put into the surface along the normal, however long it
     /// lasts: covers a surface that yields without end, and a wrong normal. `None`: only
     /// `limits.power_max_w` applies.
@@ -230,6 +233,7 @@ impl Default for ForceConfig {
             integral_speed_max_m_per_s: 0.02,
             speed_max_m_per_s: 0.02,
             reference_rate_n_per_s: 8.0,
+            probe_share: 0.5,
             tank: None,
         }
     }
@@ -335,6 +339,7 @@ impl Presets for ControllerConfig {
                 loop_delay_sd_s: 0.0,
                 // In effect a step: the published law has no ramp.
                 reference_rate_n_per_s: 100.0,
+                probe_share: 0.0,
                 ..default.force
             },
             torque: TorqueConfig {

@@ -21,6 +21,7 @@ const RANGES: Ranges = &[
             ("integral_speed_max_m_per_s", 0.0, 0.1),
             ("speed_max_m_per_s", 0.001, 0.1),
             ("reference_rate_n_per_s", 0.1, 100.0),
+            ("probe_share", 0.0, 0.9),
         ],
     ),
     ("force.tank", TANK),

@@ -35,6 +35,7 @@ impl<const N: usize> HybridDynamics<N> {
             wrench: input.wrench.vector(),
             force_n: now.tool.rotate(&input.wrench.force).dot(normal),
             reference_n: self.task.program.task.force.reference_n,
+            in_effect_n: self.task.program.task.force.reference_n,
             stiffness_n_per_m: None,
             gives_way: false,
             rests: true,
