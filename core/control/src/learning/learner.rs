@@ -121,6 +121,11 @@ impl Learner {
         &self.spec.part
     }
 
+    /// Whether earlier passes have shown the surface.
+    pub fn knows_surface(&self) -> bool {
+        self.memory.passes() > 0
+    }
+
     /// The tool does not slide: the feedforward ramps in again. `lost`: contact was lost here, and
     /// nothing is learnt around.
     pub fn rest(&mut self, lost: bool) {

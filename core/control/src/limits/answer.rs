@@ -57,6 +57,8 @@ pub(crate) struct DepthRule {
     /// Share of the reference by which it may be lowered to see whether the reading follows; 0:
     /// never.
     pub probe_share: f64,
+    /// Whether touch alone finds the normal: no earlier pass has shown the surface.
+    pub by_touch: bool,
 }
 
 /// Measurements of one cycle in which the tool presses.
@@ -230,6 +232,7 @@ mod tests {
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
                 probe_share: 0.0,
+                by_touch: true,
             },
             dt_s: 1e-3,
         };
@@ -283,6 +286,7 @@ mod tests {
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
                 probe_share: 0.0,
+                by_touch: true,
             },
             dt_s: 1e-3,
         };
@@ -307,6 +311,7 @@ mod tests {
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
                 probe_share: 0.0,
+                by_touch: true,
             },
             dt_s: 1e-3,
         };

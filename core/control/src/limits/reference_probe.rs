@@ -21,28 +21,30 @@ const STIFFNESS_N_PER_M: f64 = 10_000.0;
 /// Bounds of the depth that follows from that, m: above what the arm's own ripple does, and what a
 /// soft contact may hide.
 const DEPTH_M: [f64; 2] = [2e-4, 2e-3];
-/// Displacement after which it must be proved whatever the depth, m: a dead reading lets the normal
-/// wander, and the tool moves in sideways.
+/// Displacement after which it must be proved whatever the depth, m: a dead reading lets a normal
+/// wander that is found by touch alone, and the tool moves in sideways.
 const UNPROVED_M: f64 = 0.005;
 /// Time between a proof and the next time that the reference is lowered, s: for the depth, and for
 /// the displacement.
 const BETWEEN_S: [f64; 2] = [0.5, 3.0];
-/// Change of the mean, within [`SLOW_S`], that proves a live reading: share of the reference, N, and
-/// standard errors.
+/// Change of the mean, within [`SLOW_S`], that proves a live reading: share of the reference, N,
+/// and standard errors.
 const MOVED_SHARE: f64 = 0.06;
 const MOVED_N: f64 = 0.15;
-const LEAST_N: f64 = 0.06;
+const LEAST_N: f64 = 0.03;
 const ERRORS: f64 = 6.0;
 /// Share of a lower reference by which the mean must follow: more than the weight of a tool that
 /// turns.
 const FOLLOWED: f64 = 0.35;
-/// Rate of the ramp, 1/s.
-const RAMP_PER_S: f64 = 0.5;
+/// Share of the reference that is taken off: this rate, 1/s, and this growth of it, 1/s². A live
+/// reading shows itself while that is little.
+const RAMP_PER_S: f64 = 0.1;
+const RAMP_PER_S2: f64 = 0.4;
 /// Time after which the path stands, and from which a missing answer is judged, s.
 const STANDS_S: f64 = 0.4;
 const JUDGED_S: f64 = 1.5;
-/// Part of the ramp that must be in effect by then, and share of the reference that must be in effect
-/// before: one that still builds up shows by itself whether the reading follows.
+/// Part of the ramp that must be in effect by then, and share of the reference that must be in
+/// effect before: one that still builds up shows by itself whether the reading follows.
 const IN_EFFECT: f64 = 0.9;
 const BUILT_UP: f64 = 0.95;
 /// Motion along the normal without which nothing is judged: m, and as the share of the reference
@@ -56,8 +58,8 @@ pub(crate) struct Held {
     /// Motion since the last cycle, m, and the normal in use.
     pub step: Vector3<f64>,
     pub normal: Vector3<f64>,
-    /// Reading along the tool's own axis, pressing positive, N: a dead one does not change while the
-    /// tool turns. And the standard error of a mean over [`MEAN_S`].
+    /// Reading along the tool's own axis, pressing positive, N: a dead one does not change while
+    /// the tool turns. And the standard error of a mean over [`MEAN_S`].
     pub axial_n: f64,
     pub error_n: f64,
     /// Reference asked for, and the one in effect, N, and the share by which it is lowered at most.
@@ -68,6 +70,8 @@ pub(crate) struct Held {
     pub stiffness_n_per_m: Option<f64>,
     /// Whether the depth says that the reading should have followed: it must be proved at once.
     pub doubted: bool,
+    /// Whether touch alone finds the normal, so that a dead reading lets it wander.
+    pub wanders: bool,
     /// Period, s.
     pub dt_s: f64,
 }
@@ -108,6 +112,8 @@ struct Lowered {
     mean_n: f64,
     /// That mean as a share of the reference.
     from_share: f64,
+    /// Rate at which the reading already fell, N/s: zero or negative.
+    trend_n_per_s: f64,
     /// Least and greatest depth since, m.
     depths_m: [f64; 2],
 }
@@ -145,7 +151,8 @@ impl ReferenceProbe {
     /// Share of the reference that the law should hold.
     pub fn share(&self) -> f64 {
         self.lowered.map_or(1.0, |lowered| {
-            lowered.from_share * (1.0 - (RAMP_PER_S * lowered.since_s).min(lowered.down_share))
+            let off = lowered.since_s * (RAMP_PER_S + RAMP_PER_S2 * lowered.since_s);
+            lowered.from_share * (1.0 - off.min(lowered.down_share))
         })
     }
 
@@ -167,7 +174,8 @@ impl ReferenceProbe {
         self.mean_n += (held.axial_n - self.mean_n) * share(MEAN_S);
         self.slow_n += (self.mean_n - self.slow_n) * share(SLOW_S);
         self.moved_m += held.step;
-        // The chord of a surface that turns evenly is square to the mean of the normals at its ends.
+        // The chord of a surface that turns evenly is square to the mean of the normals at its
+        // ends.
         let depth_m = -self.moved_m.dot(&self.normal.lerp(&held.normal, 0.5));
         self.least_m = self.least_m.min(depth_m);
         let changed = (self.mean_n - self.slow_n).abs() >= held.change_n();
@@ -175,8 +183,8 @@ impl ReferenceProbe {
             let deep = depth_m - self.least_m > held.unproved_m();
             let far = self.moved_m.norm() > UNPROVED_M;
             let [of_depth_s, of_displacement_s] = BETWEEN_S;
-            let due =
-                deep && self.since_s >= of_depth_s || far && self.since_s >= of_displacement_s;
+            let due = held.wanders
+                && (deep && self.since_s >= of_depth_s || far && self.since_s >= of_displacement_s);
             if changed && !held.doubted {
                 self.prove(held);
             } else if held.doubted || due && held.in_effect_n >= BUILT_UP * held.reference_n {
@@ -185,6 +193,7 @@ impl ReferenceProbe {
                     down_share: held.down_share,
                     doubted: held.doubted,
                     mean_n: self.mean_n,
+                    trend_n_per_s: ((self.mean_n - self.slow_n) / SLOW_S).min(0.0),
                     from_share: (self.mean_n / held.reference_n).clamp(0.0, 1.0),
                     depths_m: [depth_m; 2],
                 });
@@ -193,7 +202,8 @@ impl ReferenceProbe {
         };
         let from_n = lowered.from_share * held.reference_n;
         let due_n = FOLLOWED * (from_n - held.in_effect_n);
-        if changed || lowered.mean_n - self.mean_n >= due_n.max(held.least_n()) {
+        let fallen_n = lowered.mean_n + lowered.trend_n_per_s * lowered.since_s - self.mean_n;
+        if changed || fallen_n >= due_n.max(held.least_n()) {
             self.prove(held);
             return false;
         }
@@ -295,6 +305,7 @@ mod tests {
                     down_share: 0.5,
                     stiffness_n_per_m: Some(self.assumed),
                     doubted: false,
+                    wanders: true,
                     dt_s: DT_S,
                 };
                 let probe = probe.get_or_insert(ReferenceProbe::new(&held));

@@ -335,6 +335,7 @@ impl ResponseGuard {
             down_share: rule.probe_share,
             stiffness_n_per_m: answer.stiffness_n_per_m(),
             doubted: (missing || std::mem::take(&mut self.doubted)) && !rule.settling,
+            wanders: rule.by_touch,
             dt_s: touch.dt_s,
         };
         let probe = self.probe.get_or_insert(ReferenceProbe::new(&held));
@@ -403,6 +404,7 @@ mod tests {
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
                 probe_share: 0.0,
+                by_touch: true,
             }),
             dt_s: 0.008,
         }

@@ -433,6 +433,8 @@ impl<const N: usize> Controller<N> {
             .in_use_s(&self.delay, (setting.loop_delay_s, setting.loop_delay_sd_s));
         let reference_n = self.reference_n(program);
         let speed_target = self.targets[Parameter::Speed as usize];
+        let learner = self.memory.learner.as_ref();
+        self.run.knows_surface = learner.is_some_and(|learner| learner.knows_surface());
         let percept = self.run.perceive(
             program,
             &self.config,

@@ -59,6 +59,8 @@ pub(crate) struct Run {
     pub side: SideLoad,
     /// Whether something along the surface stands in the way, or pushes.
     pub gives_way: bool,
+    /// Whether earlier passes have shown the surface: the normal does not wander.
+    pub knows_surface: bool,
     pub ledge: Ledge,
     pub in_contact: bool,
     pub lost_count: u32,
@@ -130,6 +132,7 @@ impl Run {
             acting: ActingPoint::default(),
             side: SideLoad::default(),
             gives_way: false,
+            knows_surface: false,
             ledge: Ledge::default(),
             in_contact: false,
             lost_count: 0,

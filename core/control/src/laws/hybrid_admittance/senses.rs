@@ -174,6 +174,7 @@ impl Run {
                 edge_speed_m_per_s: TIP_RADIUS_M * input.twist.angular.norm(),
                 blind_max_m: limits.blind_distance_max_m,
                 probe_share: config.force.probe_share,
+                by_touch: !self.knows_surface,
             }),
             dt_s: input.dt_s,
         })
