@@ -296,15 +296,16 @@ fn round_trips(
 ) -> Result<Vec<Row>, BenchError> {
     let mut state = ArmState::default();
     if !echo_answers(&out, &mut back, &mut state) {
-        return Err(BenchError::NoAnswer {
-            name: name.to_owned(),
-            within: CONNECT,
-        });
+        return Err(no_answer(name));
     }
     let mut clock = DeadlineClock::new(Duration::from_secs_f64(1.0 / rate_hz));
     let (mut trips_us, mut ages_us, mut lost) = (Vec::new(), Vec::new(), 0);
     let begin = Instant::now();
-    while begin.elapsed().as_secs_f64() < seconds {
+    // A short measurement on a disturbed machine goes on until one answer has come.
+    while begin.elapsed().as_secs_f64() < seconds || trips_us.is_empty() {
+        if trips_us.is_empty() && begin.elapsed() > CONNECT.max(Duration::from_secs_f64(seconds)) {
+            return Err(no_answer(name));
+        }
         clock.wait();
         state.cycle += 1;
         let (sent, sent_ns) = (Instant::now(), now_ns());
@@ -328,6 +329,13 @@ fn round_trips(
         rows.extend(Row::of(format!("{name}: age on arrival"), ages_us));
     }
     Ok(rows)
+}
+
+fn no_answer(name: &str) -> BenchError {
+    BenchError::NoAnswer {
+        name: name.to_owned(),
+        within: CONNECT,
+    }
 }
 
 /// Sends until an answer arrives; false after [`CONNECT`].
@@ -366,5 +374,46 @@ fn answer(back: &mut Latest<ArmState>, cycle: u64, until: Instant) -> Option<(In
         }
         // Short compared with what is measured; the receiving thread stamps the arrival.
         std::thread::sleep(Duration::from_micros(20));
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// Rows of a measurement of 0.1 s whose other end answers the first cycle, and then only those
+    /// that `answers` lets pass.
+    fn rows(answers: fn(u64) -> bool) -> Result<Vec<Row>, BenchError> {
+        let config = cell(&free_endpoint().unwrap(), false);
+        let bus = Bus::open_until(&config, Role::Router, Some(CONNECT), &Stop::new()).unwrap();
+        let back = bus.publisher(&BACK).unwrap();
+        let answering = bus.on(&OUT, move |received| {
+            if received.message.cycle == 1 || answers(received.message.cycle) {
+                back.publish(&received.message);
+            }
+        });
+        let (out, back) = (bus.publisher(&OUT).unwrap(), bus.latest(&BACK).unwrap());
+        let rows = round_trips(out, back, RATES_HZ[0], 0.1, "bus", Way::OneProcess);
+        drop(answering);
+        bus.close();
+        rows
+    }
+
+    #[test]
+    fn a_stall_longer_than_the_measurement_leaves_no_row_out() {
+        let rows = rows(|cycle| cycle > 3).unwrap();
+        assert_eq!(rows.len(), 2);
+        // Two, unless the machine was disturbed before the measurement began.
+        assert!(rows[0].n > 0 && rows[0].lost <= Some(2), "{rows:?}");
+    }
+
+    #[test]
+    fn an_end_that_stops_answering_is_an_error() {
+        let error = rows(|_| false).unwrap_err();
+        assert!(
+            matches!(&error, BenchError::NoAnswer { name, .. } if name == "bus"),
+            "{error}"
+        );
     }
 }

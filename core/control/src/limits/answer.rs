@@ -54,11 +54,6 @@ pub(crate) struct DepthRule {
     pub edge_speed_m_per_s: f64,
     /// Depth without a change of the force that the cell allows, m.
     pub blind_max_m: f64,
-    /// Share of the reference by which it may be lowered to see whether the reading follows; 0:
-    /// never.
-    pub probe_share: f64,
-    /// Whether touch alone finds the normal: no earlier pass has shown the surface.
-    pub by_touch: bool,
 }
 
 /// Measurements of one cycle in which the tool presses.
@@ -231,8 +226,6 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
-                probe_share: 0.0,
-                by_touch: true,
             },
             dt_s: 1e-3,
         };
@@ -285,8 +278,6 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
-                probe_share: 0.0,
-                by_touch: true,
             },
             dt_s: 1e-3,
         };
@@ -310,8 +301,6 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
-                probe_share: 0.0,
-                by_touch: true,
             },
             dt_s: 1e-3,
         };

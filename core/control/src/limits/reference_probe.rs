@@ -52,6 +52,18 @@ const BUILT_UP: f64 = 0.95;
 const WAY_M: f64 = 1e-4;
 const WAY_SHARE: f64 = 0.5;
 
+/// How the reference may be lowered.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ProbeRule {
+    /// Share of the reference by which it is lowered at most.
+    pub down_share: f64,
+    /// Reference in effect, N.
+    pub in_effect_n: f64,
+    /// Whether touch alone finds the normal, so that a dead reading lets it wander: no earlier pass
+    /// has shown the surface.
+    pub wanders: bool,
+}
+
 /// Measurements of one cycle in which the tool presses.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Held {
@@ -62,16 +74,13 @@ pub(crate) struct Held {
     /// the tool turns. And the standard error of a mean over [`MEAN_S`].
     pub axial_n: f64,
     pub error_n: f64,
-    /// Reference asked for, and the one in effect, N, and the share by which it is lowered at most.
+    /// Reference asked for, N.
     pub reference_n: f64,
-    pub in_effect_n: f64,
-    pub down_share: f64,
+    pub rule: ProbeRule,
     /// Measured stiffness of the contact, N/m.
     pub stiffness_n_per_m: Option<f64>,
     /// Whether the depth says that the reading should have followed: it must be proved at once.
     pub doubted: bool,
-    /// Whether touch alone finds the normal, so that a dead reading lets it wander.
-    pub wanders: bool,
     /// Period, s.
     pub dt_s: f64,
 }
@@ -183,14 +192,14 @@ impl ReferenceProbe {
             let deep = depth_m - self.least_m > held.unproved_m();
             let far = self.moved_m.norm() > UNPROVED_M;
             let [of_depth_s, of_displacement_s] = BETWEEN_S;
-            let due = held.wanders
+            let due = held.rule.wanders
                 && (deep && self.since_s >= of_depth_s || far && self.since_s >= of_displacement_s);
             if changed && !held.doubted {
                 self.prove(held);
-            } else if held.doubted || due && held.in_effect_n >= BUILT_UP * held.reference_n {
+            } else if held.doubted || due && held.rule.in_effect_n >= BUILT_UP * held.reference_n {
                 self.lowered = Some(Lowered {
                     since_s: 0.0,
-                    down_share: held.down_share,
+                    down_share: held.rule.down_share,
                     doubted: held.doubted,
                     mean_n: self.mean_n,
                     trend_n_per_s: ((self.mean_n - self.slow_n) / SLOW_S).min(0.0),
@@ -201,7 +210,7 @@ impl ReferenceProbe {
             return false;
         };
         let from_n = lowered.from_share * held.reference_n;
-        let due_n = FOLLOWED * (from_n - held.in_effect_n);
+        let due_n = FOLLOWED * (from_n - held.rule.in_effect_n);
         let fallen_n = lowered.mean_n + lowered.trend_n_per_s * lowered.since_s - self.mean_n;
         if changed || fallen_n >= due_n.max(held.least_n()) {
             self.prove(held);
@@ -214,7 +223,7 @@ impl ReferenceProbe {
         let way_m = WAY_M.max(WAY_SHARE * from_n / held.stiffness());
         let lowered_to_n = from_n * (1.0 - IN_EFFECT * lowered.down_share);
         lowered.since_s >= JUDGED_S
-            && held.in_effect_n <= lowered_to_n
+            && held.rule.in_effect_n <= lowered_to_n
             && *most_m - *least_m >= way_m
     }
 
@@ -301,11 +310,13 @@ mod tests {
                     axial_n: reading_n,
                     error_n: 0.0,
                     reference_n: REFERENCE_N,
-                    in_effect_n,
-                    down_share: 0.5,
+                    rule: ProbeRule {
+                        down_share: 0.5,
+                        in_effect_n,
+                        wanders: true,
+                    },
                     stiffness_n_per_m: Some(self.assumed),
                     doubted: false,
-                    wanders: true,
                     dt_s: DT_S,
                 };
                 let probe = probe.get_or_insert(ReferenceProbe::new(&held));

@@ -14,7 +14,7 @@ use tangent_sensing::Validity;
 use crate::limits::answer::{Answer, DepthRule, Pressed};
 use crate::limits::direction::{Aimed, Direction};
 use crate::limits::falling_away::{FallingAway, Felt};
-use crate::limits::reference_probe::{Held, ReferenceProbe};
+use crate::limits::reference_probe::{Held, ProbeRule, ReferenceProbe};
 use crate::phase_machine::Phase;
 
 /// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
@@ -86,9 +86,8 @@ pub(crate) struct Touch {
     pub wrench: Vector6<f64>,
     /// Pressing force of that wrench, N.
     pub force_n: f64,
-    /// Reference of the pressing force, and the one in effect, N.
+    /// Reference of the pressing force, N.
     pub reference_n: f64,
-    pub in_effect_n: f64,
     /// Measured stiffness of the contact, N/m; `None` if not measured.
     pub stiffness_n_per_m: Option<f64>,
     /// Whether the law gives way to a load along the surface.
@@ -100,6 +99,8 @@ pub(crate) struct Touch {
     pub fresh: bool,
     /// How the mean of the reading is compared with the depth; `None`: not at all.
     pub depth: Option<DepthRule>,
+    /// How the law lets its reference be lowered; `None`: not at all.
+    pub probe: Option<ProbeRule>,
     /// Period, s.
     pub dt_s: f64,
 }
@@ -285,9 +286,7 @@ impl ResponseGuard {
         let enough = (unfelt / stiffness).clamp(WAY_MIN_M, WAY_M);
         // A normal that is off by 20 degrees turns sliding along the surface into apparent depth.
         let stands = since_s >= LATE_S && depth_m.abs() - 0.36 * across_m - edge_m >= enough;
-        let probes = touch
-            .depth
-            .is_some_and(|rule| rule.probe_share > 0.0 && !rule.settling);
+        let probes = touch.probe.is_some() && touch.depth.is_some_and(|rule| !rule.settling);
         if stands && probes && changed > STILL_N {
             // A reading that changes a little may be a surface far softer than thought.
             self.doubted = true;
@@ -300,6 +299,7 @@ impl ResponseGuard {
     /// Whether the tool goes deeper while the mean of the noisy reading does not rise. Where the
     /// reference may be lowered, and does not still build up, that is only a doubt.
     fn does_not_follow(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
+        let doubted = std::mem::take(&mut self.doubted);
         if !touch.presses(TOUCHED_SHARE) {
             self.end_answer();
             return false;
@@ -322,20 +322,18 @@ impl ResponseGuard {
             return false;
         };
         let missing = answer.is_missing(&pressed);
-        if rule.probe_share <= 0.0 {
+        let Some(probe_rule) = touch.probe else {
             return missing;
-        }
+        };
         let held = Held {
             step: *step,
             normal: touch.normal,
             axial_n: -touch.wrench.z,
             error_n: answer.error_n(touch.dt_s),
             reference_n: touch.reference_n,
-            in_effect_n: touch.in_effect_n,
-            down_share: rule.probe_share,
+            rule: probe_rule,
             stiffness_n_per_m: answer.stiffness_n_per_m(),
-            doubted: (missing || std::mem::take(&mut self.doubted)) && !rule.settling,
-            wanders: rule.by_touch,
+            doubted: (missing || doubted) && !rule.settling,
             dt_s: touch.dt_s,
         };
         let probe = self.probe.get_or_insert(ReferenceProbe::new(&held));
@@ -393,7 +391,6 @@ mod tests {
             wrench: Vector6::new(0.0, 0.0, -force_n, 0.0, 0.0, 0.0),
             force_n,
             reference_n: 3.0,
-            in_effect_n: 3.0,
             stiffness_n_per_m: None,
             gives_way: false,
             rests: true,
@@ -403,9 +400,8 @@ mod tests {
                 slope: 0.36,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
-                probe_share: 0.0,
-                by_touch: true,
             }),
+            probe: None,
             dt_s: 0.008,
         }
     }

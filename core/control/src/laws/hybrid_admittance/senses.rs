@@ -17,6 +17,7 @@ use crate::estimator_choice::switching::ChoiceRules;
 use crate::limits::Limits;
 use crate::limits::answer::DepthRule;
 use crate::limits::plausibility::is_wrench;
+use crate::limits::reference_probe::ProbeRule;
 use crate::limits::response_guard::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
@@ -163,7 +164,6 @@ impl Run {
             wrench: input.wrench.vector(),
             force_n: pose.rotate(&input.wrench.force).dot(&normal),
             reference_n,
-            in_effect_n: self.force.reference_n(),
             stiffness_n_per_m: self.force.stiffness_measured_n_per_m(),
             gives_way: self.gives_way,
             rests: input.base.is_none(),
@@ -173,8 +173,11 @@ impl Run {
                 slope: SLOPE,
                 edge_speed_m_per_s: TIP_RADIUS_M * input.twist.angular.norm(),
                 blind_max_m: limits.blind_distance_max_m,
-                probe_share: config.force.probe_share,
-                by_touch: !self.knows_surface,
+            }),
+            probe: (config.force.probe_share > 0.0).then_some(ProbeRule {
+                down_share: config.force.probe_share,
+                in_effect_n: self.force.reference_n(),
+                wanders: !self.knows_surface,
             }),
             dt_s: input.dt_s,
         })

@@ -35,12 +35,12 @@ impl<const N: usize> HybridDynamics<N> {
             wrench: input.wrench.vector(),
             force_n: now.tool.rotate(&input.wrench.force).dot(normal),
             reference_n: self.task.program.task.force.reference_n,
-            in_effect_n: self.task.program.task.force.reference_n,
             stiffness_n_per_m: None,
             gives_way: false,
             rests: true,
             fresh: input.wrench_age_s <= input.dt_s,
             depth: None,
+            probe: None,
             dt_s: input.dt_s,
         })
     }
