@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use common::{json, number, port_offset, root, run, tangent, wait_for};
 use serde_json::Value;
-use tangent_live::live;
+use tangent_live::live_beside_others;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 /// The sensor's rate in the shipped cell.
@@ -183,7 +183,7 @@ fn python() -> Option<PathBuf> {
 
 #[test]
 fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
-    live(|| {
+    live_beside_others(|| {
         let Some(python) = python() else { return };
         let mut up = Up::start();
         up.wait_until_sliding();
@@ -224,7 +224,7 @@ fn an_estimator_in_python_is_swapped_in_and_the_wipe_ends_done() {
 
 #[test]
 fn an_estimator_in_rust_is_swapped_in_and_when_it_is_killed_the_next_takes_over() {
-    live(|| {
+    live_beside_others(|| {
         let program = Path::new(env!("CARGO_BIN_EXE_tangent")).parent().unwrap();
         let program = program.join("examples/own_estimator");
         if !program.exists() {

@@ -34,6 +34,11 @@ const STOLEN_MAX: f64 = 0.25;
 /// Longest wait of an ordinary thread for a core that does not invalidate a run beside other tests.
 /// The other tests can take that much, so the run says nothing about the system under test.
 const WAIT_MAX: Duration = Duration::from_millis(50);
+/// Number of tests that run beside each other, per core: a simulated UR at 125 Hz and its services
+/// need a tenth to a fifth of one.
+const PLACES_PER_CORE: usize = 2;
+/// Lock that each test shares which waits for all places, or has them.
+const ALONE: &str = "alone";
 /// Number of runs of a test whose runs are invalidated.
 const RUNS: usize = 5;
 /// SCHED_FIFO priority of the watch, above every thread of ours.
@@ -56,8 +61,9 @@ pub fn live(test: impl Fn()) {
     verdict(test, |_| Place::alone(), Watch::start, Watch::end, say);
 }
 
-/// Runs the test beside other tests of this kind, at most one per core of this machine. For a cell
-/// that needs less than half a core. A repeated run is alone on the machine, as in [`live`].
+/// Runs the test beside other tests of this kind, at most [`PLACES_PER_CORE`] per core of this
+/// machine. For a cell that needs less than a third of a core. A repeated run is alone on the
+/// machine, as in [`live`].
 pub fn live_beside_others(test: impl Fn()) {
     let place = |run| match run {
         1 => Place::shared(Some(beside_others())),
@@ -148,17 +154,21 @@ thread_local! {
 }
 
 /// Waits until all places of this machine are free, and takes them. A thread that has a place keeps
-/// that one.
+/// that one. Goes before all tests that need one place, so that the machine is emptied once for all
+/// tests that run alone.
 pub fn alone() -> Places {
     places(|| {
-        // Each lock is waited for while the queue's lock is held, so that no two tests hold half of
-        // the places each.
-        let locks = (0..places_count()).map(|place| {
+        let wanted = lock_file(ALONE);
+        wanted.lock_shared().expect("the lock of those that wait");
+        // The places are waited for by one test at a time, so that no two hold half of them each.
+        let turn = lock_file("queue");
+        turn.lock().expect("the queue");
+        let places = (0..places_count()).map(|place| {
             let lock = lock_file(&place.to_string());
             lock.lock().expect("a place");
             lock
         });
-        locks.collect()
+        places.chain([turn, wanted]).collect()
     })
 }
 
@@ -167,7 +177,9 @@ pub fn alone() -> Places {
 pub fn beside_others() -> Places {
     places(|| {
         loop {
-            for place in 0..places_count() {
+            // Not while a test waits for all places, or has them.
+            let nobody_waits = lock_file(ALONE).try_lock().is_ok();
+            for place in (0..places_count()).filter(|_| nobody_waits) {
                 let lock = lock_file(&place.to_string());
                 if lock.try_lock().is_ok() {
                     return vec![lock];
@@ -182,17 +194,14 @@ fn places(take: impl Fn() -> Vec<File>) -> Places {
     if MINE.replace(true) {
         return Places { locks: None };
     }
-    // One test at a time waits for places, so that a test that needs all of them gets them.
-    let queue = lock_file("queue");
-    queue.lock().expect("the queue");
     Places {
         locks: Some(take()),
     }
 }
 
-/// Number of places: one per core.
+/// Number of places of this machine.
 fn places_count() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
+    PLACES_PER_CORE * std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn lock_file(name: &str) -> File {
@@ -434,10 +443,34 @@ mod tests {
     fn a_test_alone_has_all_places_and_one_beside_others_has_one() {
         let machine = alone();
         assert_eq!(free_places(), 0);
-        assert_eq!(machine.locks.as_ref().map(Vec::len), Some(places_count()));
         drop(machine);
         let place = beside_others();
         assert_eq!(place.locks.as_ref().map(Vec::len), Some(1));
+    }
+
+    #[test]
+    fn tests_alone_go_first() {
+        let machine = alone();
+        let (ended, ends) = std::sync::mpsc::channel();
+        let waits = |name, place: fn() -> Places| {
+            let ended = ended.clone();
+            std::thread::spawn(move || {
+                let place = place();
+                ended.send(name).unwrap();
+                drop(place);
+            })
+        };
+        let beside = waits("beside others", beside_others);
+        std::thread::sleep(5 * LOOK);
+        let second = waits("alone", alone);
+        std::thread::sleep(5 * LOOK);
+        assert!(ends.try_recv().is_err());
+        drop(machine);
+        assert_eq!(ends.recv(), Ok("alone"));
+        assert_eq!(ends.recv(), Ok("beside others"));
+        for thread in [beside, second] {
+            thread.join().unwrap();
+        }
     }
 
     /// The watch sees what a kernel shows: it ends, and no wake-up is before its time.
