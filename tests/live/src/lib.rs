@@ -61,7 +61,7 @@ pub fn live(test: impl Fn()) {
     verdict(test, |_| Place::alone(), Watch::start, Watch::end, say);
 }
 
-/// Runs the test beside other tests of this kind, at most [`PLACES_PER_CORE`] per core of this
+/// Runs the test beside other tests of this kind, at most two per core of this
 /// machine. For a cell that needs less than a third of a core. A repeated run is alone on the
 /// machine, as in [`live`].
 pub fn live_beside_others(test: impl Fn()) {
