@@ -61,9 +61,8 @@ pub fn live(test: impl Fn()) {
     verdict(test, |_| Place::alone(), Watch::start, Watch::end, say);
 }
 
-/// Runs the test beside other tests of this kind, at most two per core of this
-/// machine. For a cell that needs less than a third of a core. A repeated run is alone on the
-/// machine, as in [`live`].
+/// Runs the test beside other tests of this kind, at most two per core of this machine. For a cell
+/// that needs less than a third of a core. A repeated run is alone on the machine, as in [`live`].
 pub fn live_beside_others(test: impl Fn()) {
     let place = |run| match run {
         1 => Place::shared(Some(beside_others())),
@@ -443,6 +442,9 @@ mod tests {
     fn a_test_alone_has_all_places_and_one_beside_others_has_one() {
         let machine = alone();
         assert_eq!(free_places(), 0);
+        // With its turn, and the lock that lets it go first.
+        let locks = places_count() + 2;
+        assert_eq!(machine.locks.as_ref().map(Vec::len), Some(locks));
         drop(machine);
         let place = beside_others();
         assert_eq!(place.locks.as_ref().map(Vec::len), Some(1));

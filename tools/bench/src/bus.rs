@@ -296,15 +296,16 @@ fn round_trips(
 ) -> Result<Vec<Row>, BenchError> {
     let mut state = ArmState::default();
     if !echo_answers(&out, &mut back, &mut state) {
-        return Err(no_answer(name));
+        return Err(no_answer(name, CONNECT));
     }
     let mut clock = DeadlineClock::new(Duration::from_secs_f64(1.0 / rate_hz));
     let (mut trips_us, mut ages_us, mut lost) = (Vec::new(), Vec::new(), 0);
     let begin = Instant::now();
     // A short measurement on a disturbed machine goes on until one answer has come.
+    let patience = CONNECT.max(Duration::from_secs_f64(seconds));
     while begin.elapsed().as_secs_f64() < seconds || trips_us.is_empty() {
-        if trips_us.is_empty() && begin.elapsed() > CONNECT.max(Duration::from_secs_f64(seconds)) {
-            return Err(no_answer(name));
+        if trips_us.is_empty() && begin.elapsed() > patience {
+            return Err(no_answer(name, patience));
         }
         clock.wait();
         state.cycle += 1;
@@ -331,10 +332,10 @@ fn round_trips(
     Ok(rows)
 }
 
-fn no_answer(name: &str) -> BenchError {
+fn no_answer(name: &str, within: Duration) -> BenchError {
     BenchError::NoAnswer {
         name: name.to_owned(),
-        within: CONNECT,
+        within,
     }
 }
 
