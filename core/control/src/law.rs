@@ -56,6 +56,10 @@ pub struct LawInput<const N: usize> {
     /// Reading before any zero is subtracted; `None` where the sensor's service does not provide
     /// it.
     pub untared: Option<UntaredLoad>,
+    /// Force of the environment on the flange as the arm itself measures or estimates it, without
+    /// the weight of the tool, flange axes, N; `None` unless it is fresh and independent of the
+    /// sensor.
+    pub arm_force: Option<Vector3<f64>>,
     /// Newest normals, in the order of [`Law::estimators`].
     pub estimates: [Option<EstimateInput>; MAX_ESTIMATORS],
     /// Newest poses of an object, in the order of [`Law::estimators`].

@@ -42,7 +42,7 @@ pub use tasks::start_check::{known_estimators, unknown_estimators};
 
 use config::torque::{TorqueCell, TorqueCells};
 use cycle::{Cycle, Outlets};
-use inputs::{EstimateReader, Inputs, WrenchReader};
+use inputs::{ArmForceReader, EstimateReader, Inputs, WrenchReader};
 use mailbox::{Action, Mailbox, Note, Time};
 use memory::Memory;
 use requests::{Kind, RequestHandler};
@@ -78,7 +78,12 @@ pub fn run(config: Config, bus: Bus, stop: Stop) -> Result<(), ControllerError> 
     )?;
     let memory = Memory::open(config.state.clone());
     law.set_clearance(memory.known())?;
-    let mut inputs = Inputs::new(wrench(&bus)?, Some(BaseReader::new(&bus, &config.base)?));
+    let arm_force = match config.compares_arm_force {
+        true => Some(ArmForceReader::new(bus.latest(&topics::ARM_WRENCH)?)),
+        false => None,
+    };
+    let mut inputs = Inputs::new(wrench(&bus)?, Some(BaseReader::new(&bus, &config.base)?))
+        .with_arm_force(arm_force);
     for name in &config.estimators {
         if let Ok(short) = EstimatorName::from(name) {
             let newest = bus.latest(&topics::estimate_normal(name))?;

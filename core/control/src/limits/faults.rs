@@ -53,6 +53,8 @@ pub enum Fault {
     ZeroOld,
     /// The untared reading exceeds the cell's limit.
     UntaredLimit,
+    /// The arm feels a force that the sensor does not show.
+    ForceUnread,
     /// The tool touched something on the way to the start pose or home.
     TravelTouched,
     /// The arm did not get to the start pose or home.
@@ -140,6 +142,9 @@ impl Fault {
             Self::UntaredLimit => {
                 "untared reading beyond limits.untared_force_max_n or untared_share_max"
             }
+            Self::ForceUnread => {
+                "the arm feels a force that the sensor does not show: check the sensor, and that nothing touches the arm itself"
+            }
             Self::TravelTouched => {
                 "touched something on the way to start or home: clear the way, start with --clear; if nothing is there, calibrate payload"
             }
@@ -186,6 +191,7 @@ mod tests {
             Fault::ZeroLost,
             Fault::ZeroOld,
             Fault::UntaredLimit,
+            Fault::ForceUnread,
             Fault::TravelTouched,
             Fault::TravelBlocked,
             Fault::StartAway,

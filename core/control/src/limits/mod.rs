@@ -2,6 +2,7 @@
 //! them.
 
 pub(crate) mod answer;
+pub(crate) mod arm_force;
 pub(crate) mod direction;
 pub(crate) mod falling_away;
 pub mod faults;
@@ -57,6 +58,9 @@ pub struct Limits {
     pub force_max_n: f64,
     /// Torque at the tool beyond which the arm retracts, Nm.
     pub torque_max_nm: f64,
+    /// Force that the arm itself feels, and the sensor does not show, beyond which a tool that moves
+    /// towards a surface retracts, N: well above the error of the arm's own force.
+    pub unread_force_max_n: f64,
     /// Force beyond which the arm retracts regardless of the current zero, N: the untared reading
     /// relative to the last zero taken after a motion had shown the tool free. `None`:
     /// `force_max_n` plus 5 N for the drift of a zero.
@@ -88,6 +92,7 @@ impl Default for Limits {
             joint_margin_rad: 0.05,
             force_max_n: 40.0,
             torque_max_nm: 5.0,
+            unread_force_max_n: 30.0,
             untared_force_max_n: None,
             untared_share_max: 0.7,
             workspace_min_m: [-2.0; 3],
@@ -126,6 +131,12 @@ impl Limits {
         check_range("limits.joint_margin_rad", self.joint_margin_rad, 0.0, 1.0)?;
         positive("force_max_n", self.force_max_n, 1000.0)?;
         positive("torque_max_nm", self.torque_max_nm, 1000.0)?;
+        check_range(
+            "limits.unread_force_max_n",
+            self.unread_force_max_n,
+            5.0,
+            1000.0,
+        )?;
         positive("untared_force_max_n", self.untared_max_n(), 1005.0)?;
         positive("untared_share_max", self.untared_share_max, 1.0)?;
         for i in 0..3 {

@@ -1,6 +1,7 @@
 //! Simulated sensors: force and torque at the wrist, a torque-controlled arm's own wrench estimate,
 //! and cameras.
 
+pub mod arm_force;
 pub mod camera;
 pub mod depth_camera;
 pub mod depth_source;

@@ -17,6 +17,7 @@ use crate::arms::servo::{Lag, ServoConfig};
 use crate::contact::{ComplianceConfig, ContactConfig, FrictionConfig, FrictionVariation};
 use crate::hardware_errors::{ArmErrors, FrameErrors, HardwareErrors, WrenchErrors};
 use crate::scenario_file::{ScenarioError, no_files};
+use crate::sensors::arm_force::ArmForceConfig;
 use crate::sensors::force_torque::SensorConfig;
 use crate::systems::admittance::{AdmittancePlantConfig, AdmittanceScenario, PipelineConfig};
 use crate::tool::{PayloadConfig, PayloadErrorConfig, ToolConfig};
@@ -124,6 +125,7 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         tool,
         contact,
         sensor,
+        arm_force: ArmForceConfig::default(),
         errors,
         start,
         base: None,

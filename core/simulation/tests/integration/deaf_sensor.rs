@@ -221,6 +221,44 @@ fn the_whole_table() {
     table(Law::Unified, true, claim_of_torque(40.0));
 }
 
+/// In free space such a sensor looks as it should; only the force that the arm itself feels shows
+/// the touch. Any approach goes on until then, so the bound is that of the arm's own force.
+#[test]
+fn a_sensor_that_died_before_the_first_touch_is_found_by_the_arm() {
+    const BOUND_N: f64 = 45.0;
+    let real: [World; 2] = [
+        ("real pipe", "pipe_realistic", &[]),
+        ("real cone", "cone_realistic", &[]),
+    ];
+    for world in worlds(Law::Velocity).into_iter().chain(real) {
+        for stiffness in [3e3, 1e4, 3e4] {
+            let (contact_s, _) = calm(Law::Velocity, &world, stiffness);
+            for kind in ["axis = 2", "offset_n = [0.0, 0.0, 0.0]"] {
+                let from_s = contact_s - 0.3;
+                let mut set = keys(&world, stiffness);
+                set.push(format!(
+                    "plant.sensor.fault={{ kind = \"deaf\", {kind}, from_s = {from_s:.4} }}"
+                ));
+                let mut cell = Cell::new(Law::Velocity, world.1, &set);
+                let (mut peak_n, mut fault) = (0.0_f64, None);
+                for _ in 0..(120.0 / cell.period_s) as usize {
+                    let seen = cell.step();
+                    peak_n = peak_n.max(seen.pressing_n);
+                    fault = seen.fault.or(fault);
+                    if !seen.phase.is_active() || peak_n > ENOUGH_N {
+                        break;
+                    }
+                }
+                println!(
+                    "{} | {stiffness} N/m | {kind} | {peak_n:.1} N | {fault:?}",
+                    world.0
+                );
+                assert!(fault.is_some() && peak_n < BOUND_N, "{}: {peak_n}", world.0);
+            }
+        }
+    }
+}
+
 /// Soft and stiff surfaces that recede and rise under the tool.
 #[test]
 fn a_living_sensor_is_never_taken_for_a_deaf_one() {

@@ -28,6 +28,8 @@ pub struct Config {
     /// Estimators that run in this cell: subscribed to from the start, so that a switch finds fresh
     /// estimates.
     pub estimators: Vec<String>,
+    /// Whether the force that the arm itself feels is independent of the sensor in use.
+    pub compares_arm_force: bool,
     /// Checks on the pose of a moving base.
     pub base: BaseConfig,
     /// Folder for state that persists across restarts: whether the tool may touch something.
@@ -67,6 +69,7 @@ impl Config {
             limits,
             control,
             estimators,
+            compares_arm_force: cell.sensor.ur_reading().is_none(),
             base: cell.base,
             state: StateFolder::of_cell(cell),
             scene: SceneConfig::from_cell(cell, &model)?,
@@ -98,6 +101,7 @@ pub(crate) fn limits<const N: usize>(cell: &CellConfig, arm: &Arm<N>) -> Limits 
         force_max_n: own.force_max_n,
         torque_max_nm: own.torque_max_nm,
         untared_force_max_n: own.untared_force_max_n,
+        unread_force_max_n: own.unread_force_max_n,
         untared_share_max: own.untared_share_max,
         workspace_min_m: own.workspace_min_m,
         workspace_max_m: own.workspace_max_m,

@@ -2,6 +2,7 @@
 //! data.
 
 pub mod age;
+mod arm_force;
 mod normals;
 mod objects;
 mod vision;
@@ -18,6 +19,7 @@ use tangent_schemas::Name;
 use tangent_schemas::convert::joints;
 use tangent_schemas::tangent::ArmState;
 
+pub use arm_force::ArmForceReader;
 pub use normals::EstimateReader;
 pub use objects::ObjectReader;
 pub use vision::VisionReader;
@@ -53,6 +55,8 @@ pub struct Readers {
 /// All inputs except the arm's state, whose arrival starts the cycle.
 pub struct Inputs {
     wrench: WrenchReader,
+    /// `None` for an arm whose own sensor is the one in use.
+    arm_force: Option<ArmForceReader>,
     /// `None` for a law that does not support a moving base.
     base: Option<BaseReader>,
     readers: Readers,
@@ -68,15 +72,25 @@ impl Inputs {
     pub fn new(wrench: WrenchReader, base: Option<BaseReader>) -> Self {
         Self {
             wrench,
+            arm_force: None,
             base,
             readers: Readers::default(),
             started: Instant::now(),
         }
     }
 
+    /// Reads the force that the arm itself feels, too.
+    pub fn with_arm_force(mut self, reader: Option<ArmForceReader>) -> Self {
+        self.arm_force = reader;
+        self
+    }
+
     /// While held, no other publisher of the wrench or of the base's pose replaces the present one.
     pub fn hold(&self, held: bool) {
         self.wrench.hold(held);
+        if let Some(arm_force) = &self.arm_force {
+            arm_force.hold(held);
+        }
         if let Some(base) = &self.base {
             base.hold(held);
         }
@@ -136,6 +150,7 @@ impl Inputs {
             bias_age_s: wrench.bias_age_s,
             zero_bound_n: wrench.zero_bound_n,
             untared: wrench.untared,
+            arm_force: self.arm_force.as_mut().and_then(|own| own.with(state)),
             estimates: [None; MAX_ESTIMATORS],
             objects: [None; MAX_ESTIMATORS],
             vision: readers

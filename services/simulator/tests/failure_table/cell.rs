@@ -263,6 +263,7 @@ impl Cell {
                 beyond_reference_n: w.reference.map(|(zero, _)| (w.untared - zero).force.norm()),
                 rated_share: tare.rated_share(&w.untared),
             }),
+            arm_force: None,
             estimates,
             objects: [None; MAX_ESTIMATORS],
             vision: None,

@@ -77,6 +77,7 @@ const UNSCALED: f64 = 0.999;
 ///     bias_age_s: None,
 ///     zero_bound_n: None,
 ///     untared: None,
+///     arm_force: None,
 ///     estimates: [None; MAX_ESTIMATORS],
 ///     objects: [None; MAX_ESTIMATORS],
 ///     vision: None,
@@ -435,6 +436,8 @@ impl<const N: usize> Controller<N> {
         let speed_target = self.targets[Parameter::Speed as usize];
         let learner = self.memory.learner.as_ref();
         self.run.knows_surface = learner.is_some_and(|learner| learner.knows_surface());
+        self.run
+            .compare_with_arm(&self.limits, &self.flange_from_tool, &placed);
         let percept = self.run.perceive(
             program,
             &self.config,

@@ -95,6 +95,9 @@ impl Run {
             {
                 return self.leave(percept, Some(Fault::Base(trouble)));
             }
+            if self.is_unread {
+                return self.leave(percept, Some(Fault::ForceUnread));
+            }
             if task.timeouts.task_s > 0.0 && self.elapsed_s > task.timeouts.task_s {
                 return self.leave(percept, Some(Fault::TaskTimeout));
             }

@@ -22,6 +22,7 @@ use super::tracking::Tracking;
 use super::travel::Travel;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
+use crate::limits::arm_force::ArmForceGuard;
 use crate::limits::faults::Fault;
 use crate::limits::response_guard::ResponseGuard;
 use crate::limits::turn_guard::TurnGuard;
@@ -74,6 +75,9 @@ pub(crate) struct Run {
     pub guard: WrenchGuard,
     pub response: ResponseGuard,
     pub turn: TurnGuard,
+    pub arm_force: ArmForceGuard,
+    /// Whether the arm feels a force that the sensor does not show.
+    pub is_unread: bool,
     pub begun: bool,
     pub touched: bool,
     pub estimated: bool,
@@ -145,6 +149,8 @@ impl Run {
             guard: WrenchGuard::default(),
             response: ResponseGuard::default(),
             turn: TurnGuard::default(),
+            arm_force: ArmForceGuard::default(),
+            is_unread: false,
             begun: false,
             touched: false,
             estimated: false,

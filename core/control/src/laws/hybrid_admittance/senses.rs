@@ -2,6 +2,7 @@
 //! touches, and which normal is in use. Called by the controller each cycle, before `decisions`.
 
 use nalgebra::Vector3;
+use tangent_mechanics::{Flange, Pose, Tool};
 use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
@@ -137,6 +138,24 @@ impl Run {
             force_n,
             estimate,
         }
+    }
+
+    /// Compares the force that the arm itself feels with the sensor's.
+    pub fn compare_with_arm<const N: usize>(
+        &mut self,
+        limits: &Limits,
+        flange_from_tool: &Pose<Flange, Tool>,
+        input: &ControlInput<N>,
+    ) {
+        let difference = (input.arm_force)
+            .filter(|_| input.wrench_validity.is_valid())
+            .map(|force| flange_from_tool.unrotate(&force) - input.wrench.force);
+        self.is_unread = self.arm_force.step(
+            matches!(self.phase, Phase::Approach | Phase::Seek),
+            difference,
+            limits.unread_force_max_n,
+            input.dt_s,
+        );
     }
 
     /// Validity of the wrench: as the input states it, or by how the wrench responds to the tool's

@@ -112,6 +112,7 @@ impl Bench {
             bias_age_s: None,
             zero_bound_n: None,
             untared: None,
+            arm_force: None,
             estimates,
             objects: [None; MAX_ESTIMATORS],
             vision: None,

@@ -45,6 +45,7 @@ pub(super) fn check(config: &AdmittancePlantConfig) -> Result<(), PlantError> {
         (1e-5..=2e-3).contains(&config.substep_max_s),
     )?;
     config.errors.check()?;
+    config.arm_force.check()?;
     contact.check_stiffness()?;
     value(
         "contact.exponent",

@@ -437,6 +437,7 @@ fn blank_input(plant: &AdmittancePlant) -> ControlInput {
         bias_age_s: None,
         zero_bound_n: None,
         untared: None,
+        arm_force: plant.arm_force(),
         estimates: [None; MAX_ESTIMATORS],
         objects: [None; MAX_ESTIMATORS],
         vision: None,

@@ -15,6 +15,7 @@ use crate::contact::{Obstacle, PadMotion};
 use crate::hardware_errors::wrench_errors::cable_pull;
 use crate::hardware_errors::{ArmSenses, WrenchDistortion};
 use crate::plant_error::PlantError;
+use crate::sensors::arm_force::ArmForce;
 use crate::sensors::load::{Body, FlangeLoad, SensorLoad};
 use crate::sensors::records::SensorRecords;
 use crate::sensors::sample::SensorSample;
@@ -32,6 +33,7 @@ pub struct AdmittancePlant {
     servo: Servo,
     touch: Touch,
     sensor: SensorRecords,
+    arm_force: ArmForce,
     platform: Option<Platform>,
     /// As stated.
     flange_from_tool: Pose<Flange, Tool>,
@@ -74,6 +76,7 @@ impl AdmittancePlant {
         let mut plant = Self {
             servo: servo(config, &arm, q),
             sensor: SensorRecords::new(&config.sensor, config.arm.period_s, seed, Vector6::zeros()),
+            arm_force: ArmForce::new(&config.arm_force, seed),
             load: SensorLoad::new(&config.tool)
                 .with_sensor_at(errors.frames.flange_from_sensor(&config.tool)),
             senses: ArmSenses::new(&errors.arm, seed),
@@ -114,6 +117,9 @@ impl AdmittancePlant {
             platform.step(start + self.config.arm.period_s);
         }
         self.measure();
+        let load = self.flange_load().contact.force;
+        let velocity = self.body.pose.rotation.inverse() * self.body.linear;
+        self.arm_force.measure(&load, &velocity);
     }
 
     /// Encoders and velocity measurement read the joints.
@@ -220,6 +226,12 @@ impl AdmittancePlant {
             q_target: self.servo.q_target,
             qd_target: self.servo.qd_target,
         }
+    }
+
+    /// Force on the flange as the arm's own controller states it, without the weight of the tool,
+    /// flange axes, N; `None` if it states none.
+    pub fn arm_force(&self) -> Option<Vector3<f64>> {
+        self.arm_force.now()
     }
 
     /// Current true state of the contact.

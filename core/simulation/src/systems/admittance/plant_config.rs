@@ -7,6 +7,7 @@ use crate::arms::platform::PlatformConfig;
 use crate::arms::servo::ServoConfig;
 use crate::contact::ContactConfig;
 use crate::hardware_errors::HardwareErrors;
+use crate::sensors::arm_force::ArmForceConfig;
 use crate::sensors::depth_camera::DepthCameraConfig;
 use crate::sensors::force_torque::SensorConfig;
 use crate::start::StartConfig;
@@ -37,6 +38,9 @@ pub struct AdmittancePlantConfig {
     /// Force/torque sensor.
     #[serde(default)]
     pub sensor: SensorConfig,
+    /// Force that the arm's own controller states.
+    #[serde(default)]
+    pub arm_force: ArmForceConfig,
     /// What the plant does differently from what the other tables state.
     #[serde(default)]
     pub errors: HardwareErrors,

@@ -274,6 +274,7 @@ impl<const N: usize> ObjectLoop<N> {
             bias_age_s: None,
             zero_bound_n: None,
             untared: None,
+            arm_force: None,
             estimates: [None; MAX_ESTIMATORS],
             objects: [None; MAX_ESTIMATORS],
             vision: None,

@@ -207,6 +207,7 @@ impl<const N: usize> VisuoTactileLoop<N> {
             bias_age_s: None,
             zero_bound_n: None,
             untared: None,
+            arm_force: None,
             estimates,
             objects: [None; MAX_ESTIMATORS],
             vision: self.vision,

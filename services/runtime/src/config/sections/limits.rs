@@ -41,6 +41,9 @@ pub struct LimitsConfig {
     /// Force beyond which the controller retracts with any zero of the sensor, N: the untared
     /// reading compared with the last good zero. `None`: `force_max_n` plus 5 N.
     pub untared_force_max_n: Option<f64>,
+    /// Force that the arm itself feels (`arm/wrench`), and the sensor does not show, beyond which a
+    /// tool that moves towards a surface retracts, N.
+    pub unread_force_max_n: f64,
     /// Largest share of the sensor's range that the untared reading may take in any axis, 0 to 1;
     /// applies if no good zero is known.
     pub untared_share_max: f64,
@@ -63,6 +66,7 @@ impl Default for LimitsConfig {
             force_max_n: 40.0,
             torque_max_nm: 5.0,
             untared_force_max_n: None,
+            unread_force_max_n: 30.0,
             untared_share_max: 0.7,
             blind_distance_max_m: 0.03,
             workspace_min_m: [-1.2, -1.2, -0.5],
@@ -156,6 +160,12 @@ impl LimitsConfig {
         for (key, value, most) in ranges {
             checker.range(&format!("limits.{key}"), value, 0.001..=most, "")?;
         }
+        checker.range(
+            "limits.unread_force_max_n",
+            self.unread_force_max_n,
+            5.0..=1000.0,
+            "N",
+        )?;
         let ordered = (0..3).all(|i| self.workspace_min_m[i] < self.workspace_max_m[i]);
         checker.require(
             ordered,
