@@ -116,9 +116,12 @@ impl<M> Clone for Topic<M> {
 pub static ARM_STATE: Topic<ArmState> = Topic::new("arm/state", Delivery::RealTime);
 /// Command of the controller to the arm, one per `arm/state`.
 pub static ARM_COMMAND: Topic<ArmCommand> = Topic::new("arm/command", Delivery::RealTime);
-/// Reading of the arm's own force/torque sensor: what the environment does to the flange, at the
-/// flange, flange axes, N and Nm, before any zero. Once per robot packet, just before `arm/state`,
-/// by a bridge whose arm has such a sensor.
+/// Force that the arm itself feels: what the environment does to the flange, at the flange, flange
+/// axes, N and Nm. Once per robot packet, just before `arm/state` and with its stamp, by a bridge
+/// whose arm states one. With `sensor.driver = "ur"` it is the reading of the arm's own sensor,
+/// before any zero; otherwise a second witness of contact, without the weight of the tool, and from
+/// a CB3 arm an estimate from the currents of its motors, whose torque is about the tool centre
+/// point set on the robot.
 pub static ARM_WRENCH: Topic<WrenchStamped> = Topic::new("arm/wrench", Delivery::RealTime);
 /// Records of the sensor, sensor axes, SI units; up to 7 kHz, by `netft`.
 pub static WRENCH_RAW: Topic<WrenchStamped> = Topic::new("wrench/raw", Delivery::Stream);

@@ -9,12 +9,11 @@ use nalgebra::Vector6;
 use tangent_actuation::Command;
 use tangent_actuation::lease::{Lease, LeaseDecision, Source};
 use tangent_actuation::velocity::{Permission, Posture, VelocityGate, VelocityLimits};
-use tangent_runtime::config::UrReading;
 use tangent_schemas::arm_modes::RUNTIME_PLAYING;
 
 use crate::codec::{ControllerVersion, Package, Series, TextMessage, Value};
 use crate::guiding::{GuideEnd, Guiding};
-use crate::link::{Link, LinkEvent};
+use crate::link::{Link, LinkEvent, OwnWrench};
 use crate::link_error::LinkError;
 use crate::program::{self, CommandCode, GUIDING_VERSION, ProgramState, RegisterMap};
 use crate::sample::Sample;
@@ -45,8 +44,8 @@ pub struct BridgeConfig {
     pub series: Option<Series>,
     /// Requested rate of states, Hz; `None`: the controller's own rate.
     pub rate_hz: Option<f64>,
-    /// Value of the robot's own force/torque sensor to read with every state; `None`: none.
-    pub wrench: Option<UrReading>,
+    /// Value of the force that the robot itself feels to read with every state; `None`: none.
+    pub wrench: Option<OwnWrench>,
     /// Limits of the gate.
     pub limits: VelocityLimits<6>,
     /// Smallest speed scaling at which the arm may move, 0 to 1.

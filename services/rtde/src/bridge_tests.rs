@@ -5,8 +5,10 @@ mod guided;
 mod hostile;
 
 use bench::{Cell, posture};
+use tangent_runtime::config::UrReading;
 
 use crate::codec::*;
+use crate::link::OwnWrench;
 use crate::link_error::LinkError;
 use crate::scripted_robot::{Program, Robot};
 use crate::supervisor::Reason;
@@ -93,6 +95,37 @@ fn settings_that_cannot_work_are_refused_by_name() {
     assert_eq!(
         text,
         "the controller (3.15.8.0) does not have output_int_register_30"
+    );
+}
+
+/// Every robot has `actual_TCP_force`, but not everything that speaks its protocol.
+#[test]
+fn a_controller_without_a_force_of_its_own_is_taken_unless_the_cell_needs_it() {
+    let cell = |needed: bool, has_force: bool| {
+        let mut robot = Robot::new(ControllerVersion::new(3, 15, 8));
+        if !has_force {
+            robot.refuse = Some(("actual_TCP_force", Slot::NotFound));
+        }
+        let own = OwnWrench {
+            reading: UrReading::ActualTcpForce,
+            needed,
+        };
+        let mut cell = Cell::with_wrench(robot, None, Some(own));
+        cell.connect();
+        for _ in 0..50 {
+            if let Err(error) = cell.step() {
+                return Err(error.to_string());
+            }
+        }
+        assert!(cell.bridge.link().is_streaming());
+        Ok::<_, String>(cell.bridge.sample().wrench.map(|wrench| wrench[2]))
+    };
+    assert_eq!(cell(false, true), Ok(Some(12.0)));
+    assert_eq!(cell(true, true), Ok(Some(12.0)));
+    assert_eq!(cell(false, false), Ok(None));
+    assert_eq!(
+        cell(true, false),
+        Err("the controller (3.15.8.0) does not have actual_TCP_force".to_owned())
     );
 }
 

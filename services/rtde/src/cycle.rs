@@ -281,16 +281,16 @@ impl Cycle {
         Ok(())
     }
 
-    /// Publishes the reading of the robot's own sensor, with the stamp of the state that came in
+    /// Publishes the force that the robot itself feels, with the stamp of the state that came in
     /// the same packet.
     fn publish_wrench(&self) {
         let sample = self.bridge.sample();
-        let reading = self.config.bridge.wrench.zip(sample.wrench);
-        if let Some(((reading, values), publisher)) = reading.zip(self.outlets.wrench.as_ref()) {
+        let read = self.config.bridge.wrench.zip(sample.wrench);
+        if let Some(((own, values), publisher)) = read.zip(self.outlets.wrench.as_ref()) {
             let q = Joints::from(sample.q);
             publisher.publish(&WrenchStamped {
                 header: Header::in_frame::<Flange>(self.state.header.stamp.to_ns()),
-                wrench: (&flange_wrench(reading, &values, &self.config.arm, &q)).into(),
+                wrench: (&flange_wrench(own.reading, &values, &self.config.arm, &q)).into(),
             });
         }
     }

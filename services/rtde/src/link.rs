@@ -47,6 +47,15 @@ pub enum LinkEvent {
     Paused,
 }
 
+/// The force that the robot itself feels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OwnWrench {
+    /// Value to read.
+    pub reading: UrReading,
+    /// Whether the cell cannot work without it.
+    pub needed: bool,
+}
+
 /// One RTDE connection.
 #[derive(Debug)]
 pub struct Link {
@@ -54,7 +63,7 @@ pub struct Link {
     model: String,
     expected: Option<Series>,
     rate_hz: Option<f64>,
-    wrench: Option<UrReading>,
+    wrench: Option<OwnWrench>,
     step: Step,
     protocol: Protocol,
     version: ControllerVersion,
@@ -86,21 +95,21 @@ impl Link {
             deadline_s: f64::INFINITY,
             input: None,
             output: None,
-            // One more for the reading of the robot's own sensor.
+            // One more for the force that the robot itself feels.
             values: Vec::with_capacity(output_types().len() + 1),
             sample: Sample::default(),
         }
     }
 
-    /// Requests this value of the robot's own force/torque sensor with every state.
-    pub fn with_wrench(mut self, reading: Option<UrReading>) -> Self {
-        self.wrench = reading;
+    /// Requests this value of the force that the robot itself feels with every state.
+    pub fn with_wrench(mut self, wrench: Option<OwnWrench>) -> Self {
+        self.wrench = wrench;
         self
     }
 
     /// Names of the output recipe, in order.
     fn output_names(&self) -> Vec<String> {
-        let wrench = self.wrench.map(|reading| reading.field().to_owned());
+        let wrench = self.wrench.map(|own| own.reading.field().to_owned());
         let mut names = output_names(&self.registers);
         names.extend(wrench);
         names
@@ -229,11 +238,15 @@ impl Link {
                 let names = self.registers.input_names();
                 let types = self.check_slots(&names, &slots, &input_types())?;
                 self.input = Some(Recipe::new(recipe_id, types)?);
-                let request = Request::SetupOutputs {
-                    frequency_hz: (self.protocol == Protocol::V2).then_some(1.0 / self.period_s()),
-                    names: self.output_names(),
-                };
-                self.ask(Step::Outputs, &request, now_s, out)?;
+                self.ask_outputs(now_s, out)?;
+                Ok(LinkEvent::None)
+            }
+            (Step::Outputs, Reply::SetupOutputs { slots, .. })
+                if self.wrench.is_some_and(|own| !own.needed)
+                    && slots.last() == Some(&Slot::NotFound) =>
+            {
+                self.wrench = None;
+                self.ask_outputs(now_s, out)?;
                 Ok(LinkEvent::None)
             }
             (Step::Outputs, Reply::SetupOutputs { recipe_id, slots }) => {
@@ -283,6 +296,14 @@ impl Link {
     ) -> Result<(), LinkError> {
         let request = Request::ProtocolVersion(protocol.number());
         self.ask(Step::ProtocolVersion(protocol), &request, now_s, out)
+    }
+
+    fn ask_outputs(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
+        let request = Request::SetupOutputs {
+            frequency_hz: (self.protocol == Protocol::V2).then_some(1.0 / self.period_s()),
+            names: self.output_names(),
+        };
+        self.ask(Step::Outputs, &request, now_s, out)
     }
 
     fn version_answered(

@@ -1,4 +1,5 @@
-//! The reading of an e-Series arm's own force/torque sensor, in the project's frames and signs.
+//! The force that a UR arm itself feels, in the project's frames and signs: by the force/torque
+//! sensor of an e-Series arm, or from the currents of a CB3 arm's motors.
 
 use tangent_mechanics::{Arm, Flange, Joints, Wrench};
 use tangent_runtime::config::UrReading;
@@ -8,7 +9,8 @@ use tangent_runtime::config::UrReading;
 ///
 /// An e-Series controller gives both readings at the flange: `ft_raw_wrench` in the axes of the
 /// flange, with the weight of the payload, and `actual_TCP_force` in the axes of the base, without
-/// it. (A CB3 gives the latter at the tool centre point, but has no sensor.)
+/// it. A CB3 has no sensor, and estimates the latter: its force is given here as any other, and its
+/// torque is about the tool centre point that is set on the robot.
 pub fn flange_wrench(
     reading: UrReading,
     values: &[f64; 6],

@@ -88,8 +88,7 @@ pub struct Sample {
     pub stale_max: i32,
     /// Out double B+0..5: given to `speedj`, rad/s.
     pub qd_commanded: [f64; 6],
-    /// Reading of the robot's own force/torque sensor, if the bridge requested it: N, then Nm; not
-    /// checked.
+    /// Force that the robot itself feels, if the bridge requested it: N, then Nm; not checked.
     pub wrench: Option<[f64; 6]>,
 }
 
@@ -128,7 +127,7 @@ impl Sample {
         rest.next().is_none().then_some(sample)
     }
 
-    /// From the values of the output recipe, followed by the reading of the robot's own sensor;
+    /// From the values of the output recipe, followed by the force that the robot itself feels;
     /// `None` when they are not those.
     pub fn from_values_with_wrench(values: &[Value]) -> Option<Self> {
         let (wrench, values) = values.split_last()?;

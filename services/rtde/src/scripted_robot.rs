@@ -210,7 +210,12 @@ impl Robot {
             values.push(Value::Int32(i));
         }
         values.extend(s.qd_commanded.map(Value::Double));
-        let recipe = Recipe::new(7, output_types()).unwrap();
+        let mut types = output_types();
+        if self.output_names.len() > types.len() {
+            types.push(DataType::Vector6d);
+            values.push(Value::Vector6d([0.0, 0.0, 12.0, 0.0, 0.0, 0.0]));
+        }
+        let recipe = Recipe::new(7, types).unwrap();
         match self.protocol {
             Protocol::V1 => recipe.encode_without_id(&values, out).unwrap(),
             Protocol::V2 => recipe.encode(&values, out).unwrap(),

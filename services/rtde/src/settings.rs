@@ -4,11 +4,14 @@ use std::time::Duration;
 
 use tangent_actuation::velocity::VelocityLimits;
 use tangent_mechanics::{Arm, Flange, ModelError, Pose, Tool};
-use tangent_runtime::config::{CellConfig, JointCountError, RealtimeConfig, RobotModelError};
+use tangent_runtime::config::{
+    CellConfig, JointCountError, RealtimeConfig, RobotModelError, UrReading,
+};
 
 use crate::bridge::BridgeConfig;
 use crate::codec::Series;
 use crate::dashboard::{ur_number, ur_size};
+use crate::link::OwnWrench;
 use crate::program::{ProgramConfig, ProgramError, RegisterMap};
 
 /// Time from sending a velocity until the arm follows it, s, as used by the gate.
@@ -109,8 +112,8 @@ impl Config {
                 rate_hz: robot.rate_hz,
             });
         }
-        let wrench = cell.sensor.ur_reading();
-        if wrench.is_some() && series == Some(Series::Cb3) {
+        let sensor = cell.sensor.ur_reading();
+        if sensor.is_some() && series == Some(Series::Cb3) {
             return Err(SettingsError::NoSensor {
                 model: robot.model.clone(),
             });
@@ -130,7 +133,10 @@ impl Config {
                 model: robot.model.clone(),
                 series,
                 rate_hz: (robot.rate_hz > 0.0).then_some(robot.rate_hz),
-                wrench,
+                wrench: Some(OwnWrench {
+                    reading: sensor.unwrap_or(UrReading::ActualTcpForce),
+                    needed: sensor.is_some(),
+                }),
                 limits,
                 speed_scaling_min: robot.speed_scaling_min,
                 seed: 1,

@@ -7,6 +7,7 @@ use tangent_actuation::{Command, MotionLimits};
 
 use crate::bridge::*;
 use crate::codec::*;
+use crate::link::OwnWrench;
 use crate::link_error::LinkError;
 use crate::program::RegisterMap;
 use crate::scripted_robot::Robot;
@@ -38,12 +39,16 @@ pub struct Cell {
 
 impl Cell {
     pub fn new(robot: Robot, series: Option<Series>) -> Self {
+        Self::with_wrench(robot, series, None)
+    }
+
+    pub fn with_wrench(robot: Robot, series: Option<Series>, wrench: Option<OwnWrench>) -> Self {
         let config = BridgeConfig {
             registers: RegisterMap::new(24).unwrap(),
             model: "ur5".into(),
             series,
             rate_hz: None,
-            wrench: None,
+            wrench,
             limits: VelocityLimits {
                 motion: MotionLimits {
                     speed_rad_per_s: Vector6::repeat(1.0),
