@@ -34,7 +34,7 @@ pub(crate) struct ArmForceGuard {
 
 impl ArmForceGuard {
     /// Processes one cycle. `moves_in`: whether the tool moves towards a surface; `difference`:
-    /// force of the arm less that of the sensor, tool axes, N; `None` without one of them. Returns
+    /// force of the arm less that of the sensor, N; `None` without one of them. Returns
     /// whether the arm feels more than `most_n` that the sensor does not.
     pub fn step(
         &mut self,

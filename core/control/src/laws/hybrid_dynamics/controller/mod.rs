@@ -23,8 +23,10 @@ use crate::laws::stacked::stacked;
 use crate::laws::torque_task::{IDLE_FORCE_N, TorqueTask};
 use crate::leaving::clearance::Clearance;
 use crate::limits::Limits;
+use crate::limits::arm_force::ArmForceGuard;
 use crate::limits::faults::Fault;
 use crate::limits::joint_guard::bounded_torque;
+use crate::limits::motor_force::MotorForce;
 use crate::limits::plausibility::{is_arm_state, is_time, is_wrench};
 use crate::limits::response_guard::ResponseGuard;
 use crate::limits::wrench_guard::{WrenchGuard, WrenchVerdict};
@@ -57,6 +59,8 @@ pub struct HybridDynamics<const N: usize = 6> {
 struct Run<const N: usize> {
     guard: WrenchGuard,
     response: ResponseGuard,
+    arm_force: ArmForceGuard,
+    motor_force: MotorForce<N>,
     /// Position of the tool at which the zero in force was taken, base axes, m; `None` after
     /// contact.
     tared_at: Option<Vector3<f64>>,
@@ -95,6 +99,8 @@ impl<const N: usize> Run<N> {
         Self {
             guard: WrenchGuard::default(),
             response: ResponseGuard::default(),
+            arm_force: ArmForceGuard::default(),
+            motor_force: MotorForce::default(),
             tared_at: None,
             zero_withdrawn: false,
             felt: None,
@@ -301,6 +307,7 @@ impl<const N: usize> HybridDynamics<N> {
         }
         self.run.torque = torque;
         self.run.disturbance.commanded(&torque, &modelled);
+        (self.run.motor_force).commanded(input.arm_ready.then_some(torque));
         let away = now.tool.translation() - wanted.reference.position;
         let n = &constraint.normal;
         HybridOutput {

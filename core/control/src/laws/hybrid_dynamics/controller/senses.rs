@@ -45,6 +45,19 @@ impl<const N: usize> HybridDynamics<N> {
         })
     }
 
+    /// Whether the motors show a force that the sensor does not.
+    fn is_unread(&mut self, now: &ArmNow<N>, felt: Option<&Felt>, dt_s: f64) -> bool {
+        let joints = (&now.q, &now.qd);
+        let (model, friction) = (&self.model, &self.friction);
+        let shown = (self.run.motor_force).step(model, friction, joints, &now.jacobian, dt_s);
+        self.run.arm_force.step(
+            matches!(self.task.phase, Phase::Approach | Phase::Seek),
+            shown.zip(felt).map(|(shown, felt)| shown - felt.force),
+            self.limits.unread_force_max_n,
+            dt_s,
+        )
+    }
+
     /// The estimate, if it can be used in this period.
     pub(super) fn usable(&self, input: &HybridInput<N>) -> Option<ObjectEstimate> {
         let patience = self.task.program.config.patience.estimate_s;
@@ -123,6 +136,7 @@ impl<const N: usize> HybridDynamics<N> {
         } else {
             self.run.blind_s + input.dt_s
         };
+        let unread = self.is_unread(now, felt, input.dt_s);
         let reason = match input.estimate {
             None => Validity::Missing,
             Some(e) if e.validity.is_valid() => Validity::Stale,
@@ -148,6 +162,7 @@ impl<const N: usize> HybridDynamics<N> {
                 Some(Fault::TorqueLimit)
             }
             _ if begun && untared.is_some_and(hidden) => Some(Fault::UntaredLimit),
+            _ if begun && unread => Some(Fault::ForceUnread),
             _ if begun && zero_lost => Some(Fault::ZeroLost),
             _ if sliding && self.task.program.task.zero.error_max_n.is_some_and(is_old) => {
                 Some(Fault::ZeroOld)

@@ -10,7 +10,7 @@ mod senses;
 mod torques;
 
 use nalgebra::{Matrix3, Vector3, Vector6};
-use tangent_mechanics::{Arm, Flange, JointFriction, Pose, Tool, Wrench};
+use tangent_mechanics::{Arm, Flange, JointFriction, Joints, Pose, Tool, Wrench};
 use tangent_sensing::Validity;
 
 use run::Run;
@@ -185,6 +185,12 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let error = pose_error(&now, &wanted.reference);
         let rho_force = self.watch(&wanted, &now, &normal, &felt, &error, dt);
         let (torque, force_reference_n) = self.torques(&wanted, &now, &felt, &error, rho_force, dt);
+        let by_arm = if self.interface.gravity_by_arm {
+            now.gravity
+        } else {
+            Joints::zeros()
+        };
+        (self.run.motor_force).commanded(input.arm_ready.then_some(torque + by_arm));
         if self.run.lost {
             self.run.lost = false;
             return self.blind_output();

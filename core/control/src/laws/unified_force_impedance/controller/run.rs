@@ -11,6 +11,8 @@ use super::super::fused_normal::FusedNormal;
 use super::super::law::ForceLoop;
 use super::super::monitor::Monitor;
 use super::super::orientation::OrientationReference;
+use crate::limits::arm_force::ArmForceGuard;
+use crate::limits::motor_force::MotorForce;
 use crate::limits::response_guard::ResponseGuard;
 use crate::limits::wrench_guard::WrenchGuard;
 
@@ -32,6 +34,8 @@ pub(super) struct Lay {
 pub(super) struct Run<const N: usize> {
     pub guard: WrenchGuard,
     pub response: ResponseGuard,
+    pub arm_force: ArmForceGuard,
+    pub motor_force: MotorForce<N>,
     /// Sum of the wrenches at rest, and the number of periods in it.
     pub zero: (Vector6<f64>, f64),
     /// Contact quantities of the last valid wrench.
@@ -95,6 +99,8 @@ impl<const N: usize> Run<N> {
         Self {
             guard: WrenchGuard::default(),
             response: ResponseGuard::default(),
+            arm_force: ArmForceGuard::default(),
+            motor_force: MotorForce::default(),
             zero: (Vector6::zeros(), 0.0),
             felt: None,
             zeroed_s: None,

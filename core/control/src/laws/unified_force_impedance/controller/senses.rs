@@ -109,6 +109,22 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         })
     }
 
+    /// Whether the motors show a force that the robot's estimate does not.
+    fn is_unread(&mut self, felt: &Felt, now: &ArmNow<N>, dt_s: f64) -> bool {
+        let joints = (&now.q, &now.qd);
+        let (model, friction) = (&self.model, &self.friction);
+        let shown = (self.run.motor_force).step(model, friction, joints, &now.jacobian, dt_s);
+        let felt = felt
+            .wrench
+            .map(|wrench| wrench.fixed_rows::<3>(0).into_owned());
+        self.run.arm_force.step(
+            matches!(self.task.phase, Phase::Approach | Phase::Seek),
+            (shown.zip(felt)).map(|(shown, felt)| shown - now.tool.rotate(&felt)),
+            self.limits.unread_force_max_n,
+            dt_s,
+        )
+    }
+
     /// Updates monitor and shaping. Returns ρ_frc.
     pub(super) fn watch(
         &mut self,
@@ -182,6 +198,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             let size = felt.wrench.map(|w| w.fixed_rows::<3>(row).norm());
             size.is_some_and(|size| size > most)
         };
+        let unread = self.is_unread(felt, now, input.dt_s);
         let sliding = matches!(self.task.phase, Phase::Slide | Phase::Hold);
         let bound_n = self.zero_bound_n();
         let is_old = |most_n| bound_n.is_none_or(|bound_n| bound_n > most_n);
@@ -195,6 +212,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
             _ if begun && beyond(0, self.limits.force_max_n) => Some(Fault::ForceLimit),
             _ if begun && beyond(3, self.limits.torque_max_nm) => Some(Fault::TorqueLimit),
             _ if begun && felt.hidden => Some(Fault::UntaredLimit),
+            _ if begun && unread => Some(Fault::ForceUnread),
             _ if sliding && self.task.program.task.zero.error_max_n.is_some_and(is_old) => {
                 Some(Fault::ZeroOld)
             }

@@ -36,6 +36,7 @@ fn on_a_plane() -> AdmittancePlantConfig {
         },
         base: None,
         depth_camera: None,
+        arm_force: Default::default(),
         errors: Default::default(),
     }
 }
