@@ -101,7 +101,7 @@ impl Fault {
             }
             Self::NoSurface => "no surface within approach.distance_max_m",
             Self::SurfaceLost => {
-                "surface lost and not found again within contact.seek_distance_max_m or limits.blind_distance_max_m"
+                "surface lost, not found again within contact.seek_distance_max_m or limits.blind_distance_max_m: does it end here?"
             }
             Self::SurfaceEnds => {
                 "surface ends or falls away here: keep the path off its edges, or take a larger tip"

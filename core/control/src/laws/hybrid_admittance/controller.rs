@@ -190,6 +190,8 @@ impl<const N: usize> Controller<N> {
             self.config.force.damping_n_s_per_m,
         ];
         let new = std::mem::take(&mut program.memory);
+        let learner = new.learner.as_ref();
+        self.run.knows_surface = learner.is_some_and(|learner| learner.knows_surface());
         let old = std::mem::replace(&mut self.memory, new);
         let mut before = self.program.replace(program);
         if let Some(before) = &mut before {
@@ -434,8 +436,6 @@ impl<const N: usize> Controller<N> {
             .in_use_s(&self.delay, (setting.loop_delay_s, setting.loop_delay_sd_s));
         let reference_n = self.reference_n(program);
         let speed_target = self.targets[Parameter::Speed as usize];
-        let learner = self.memory.learner.as_ref();
-        self.run.knows_surface = learner.is_some_and(|learner| learner.knows_surface());
         self.run
             .compare_with_arm(&self.limits, &self.flange_from_tool, &placed);
         let percept = self.run.perceive(
