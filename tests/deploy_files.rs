@@ -114,8 +114,9 @@ fn the_cell_of_an_e_series_arm() {
     let cell = load("cell.ur5e.toml");
     assert!(!cell.robot.power_on, "a real arm is powered by hand");
     let bridge = tangent_rtde::Config::from_cell(&cell).unwrap();
-    assert_eq!(bridge.bridge.wrench, cell.sensor.ur_reading());
-    assert!(bridge.bridge.wrench.is_some());
+    let own = bridge.bridge.wrench.unwrap();
+    assert_eq!(Some(own.reading), cell.sensor.ur_reading());
+    assert!(own.needed);
     let sensor = tangent_netft::Config::from_cell(&cell);
     assert!(
         matches!(&sensor.driver, Driver::Bus(source) if source.key == ARM_WRENCH.key()),

@@ -59,8 +59,8 @@ pub struct Limits {
     pub force_max_n: f64,
     /// Torque at the tool beyond which the arm retracts, Nm.
     pub torque_max_nm: f64,
-    /// Force that the arm itself feels, and the sensor does not show, beyond which a tool that moves
-    /// towards a surface retracts, N: well above the error of the arm's own force.
+    /// Force that the arm itself feels, and the sensor does not show, beyond which a tool that
+    /// moves towards a surface retracts, N: well above the error of the arm's own force.
     pub unread_force_max_n: f64,
     /// Force beyond which the arm retracts regardless of the current zero, N: the untared reading
     /// relative to the last zero taken after a motion had shown the tool free. `None`:

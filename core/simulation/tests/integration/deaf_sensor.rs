@@ -222,8 +222,8 @@ fn the_whole_table() {
     table(Law::Unified, true, claim_of_torque(40.0));
 }
 
-/// In free space such a sensor looks as it should. Only the force that the arm itself feels, or with
-/// which its motors push, shows the touch.
+/// In free space such a sensor looks as it should. Only the force that the arm itself feels, or
+/// with which its motors push, shows the touch.
 #[test]
 fn a_sensor_that_died_before_the_first_touch_is_found_by_the_arm() {
     let real: [World; 2] = [
