@@ -125,7 +125,8 @@ fn the_cell_of_an_e_series_arm() {
     );
     assert_eq!(sensor.rate_hz, 500.0);
     let shipped = tangent_rtde::Config::from_cell(&load("cell.toml")).unwrap();
-    assert_eq!(shipped.bridge.wrench, None);
+    let compared = shipped.bridge.wrench.unwrap();
+    assert!(!compared.needed, "only compared with the sensor");
 }
 
 /// `NAME` and its default in each `${NAME:-DEFAULT}` of the compose file, and what it is started

@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::Duration;
 
-use common::{json, number, run, tangent, up, up_system, wait_for};
+use common::{json, number, port_offset, run, tangent, up, up_system, wait_for};
 use tangent_live::{live, live_beside_others};
 
 const SCENARIO: &str = "pipe_realistic";
@@ -67,6 +67,33 @@ fn up_wipes_the_pipe_as_evaluate_does() {
         assert!(number(&again, "/loop/packet_to_command_us/p50") > 0.0);
         opens(&path, folder.path());
         says_what_a_cut_recording_lost(&path, folder.path());
+    });
+}
+
+/// A sensor that dies in the air, with its noise alive, is found by the force that the arm itself
+/// states over its own protocol.
+#[test]
+fn up_finds_a_sensor_that_died_before_the_touch() {
+    live_beside_others(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let offset = port_offset().to_string();
+        let output = run(&[
+            "up",
+            "--set",
+            "plant.sensor.fault={ kind = \"deaf\", from_s = 2.0 }",
+            "--folder",
+            folder.path().to_str().unwrap(),
+            "--port-offset",
+            &offset,
+            "--json",
+        ]);
+        assert_eq!(output.status.code(), Some(1));
+        let live = json(&output);
+        let fault = live["fault"].as_str().unwrap();
+        assert!(fault.contains("the sensor does not show"), "{fault}");
+        // The true force, from the simulator.
+        let peak_n = number(&live, "/force/peak_n");
+        assert!((25.0..45.0).contains(&peak_n), "{peak_n}");
     });
 }
 

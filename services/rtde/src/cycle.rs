@@ -61,6 +61,7 @@ struct Meters {
     common: LoopMeters,
     scaling: Gauge,
     stale_max: Gauge,
+    states_force: Gauge,
 }
 
 impl Meters {
@@ -69,6 +70,7 @@ impl Meters {
             common: LoopMeters::new(health),
             scaling: health.gauge("speed_scaling"),
             stale_max: health.gauge("program_stale_max_cycles"),
+            states_force: health.gauge("arm_states_force"),
         }
     }
 }
@@ -350,6 +352,9 @@ impl Cycle {
             .take(&figures, &bridge.gate().admission, bridge.lease());
         meters.scaling.set(self.state.speed_scaling);
         meters.stale_max.set(f64::from(sample.stale_max));
+        meters
+            .states_force
+            .set(f64::from(u8::from(sample.wrench.is_some())));
         self.shared
             .robot_mode
             .store(sample.robot_mode, Ordering::Relaxed);

@@ -63,6 +63,9 @@ pub struct Link {
     model: String,
     expected: Option<Series>,
     rate_hz: Option<f64>,
+    /// As configured.
+    wanted: Option<OwnWrench>,
+    /// As this controller has it.
     wrench: Option<OwnWrench>,
     step: Step,
     protocol: Protocol,
@@ -88,6 +91,7 @@ impl Link {
             model: model.to_owned(),
             expected,
             rate_hz,
+            wanted: None,
             wrench: None,
             step: Step::Closed,
             protocol: Protocol::V1,
@@ -103,7 +107,7 @@ impl Link {
 
     /// Requests this value of the force that the robot itself feels with every state.
     pub fn with_wrench(mut self, wrench: Option<OwnWrench>) -> Self {
-        self.wrench = wrench;
+        (self.wanted, self.wrench) = (wrench, wrench);
         self
     }
 
@@ -132,6 +136,7 @@ impl Link {
     pub fn close(&mut self) {
         self.step = Step::Closed;
         self.protocol = Protocol::V1;
+        self.wrench = self.wanted;
         self.input = None;
         self.output = None;
         self.deadline_s = f64::INFINITY;

@@ -143,7 +143,7 @@ impl Fault {
                 "untared reading beyond limits.untared_force_max_n or untared_share_max"
             }
             Self::ForceUnread => {
-                "the arm feels a force that the sensor does not show: check the sensor, and that nothing touches the arm itself"
+                "the arm feels a force that the sensor does not show: check the sensor, the robot's payload, and what touches the arm"
             }
             Self::TravelTouched => {
                 "touched something on the way to start or home: clear the way, start with --clear; if nothing is there, calibrate payload"

@@ -2,7 +2,7 @@
 //! the safety conditions; the finer physics is tested in the closed loop of `evaluate`.
 
 use crate::bench::{Bench, TASK};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use tangent_control::{
     Clearance, CommandKind, ControlInput, ControllerConfig, Fault, Limits, Parameter, Phase,
     Program, SwitchCause, SwitchRefusal, Task, UntaredLoad,
@@ -611,4 +611,30 @@ fn an_approach_that_is_interrupted_counts_its_way_from_where_it_began() {
     }
     assert!(holds > 3, "interrupted only {holds} times");
     assert_eq!((output.phase, output.fault), (Phase::Done, None));
+}
+
+/// The tool is turned on the flange by a right angle about its axis.
+#[test]
+fn the_arms_own_force_is_compared_in_the_axes_of_the_tool() {
+    let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+    let run = |side_n: f64, shown: bool| {
+        let mut bench = Bench::with_tool(TASK, 0.008, turned);
+        let mut fault = None;
+        for k in 0..60 {
+            let output = bench.step(|input| {
+                let side = Vector3::x() * if k < 30 { 0.0 } else { side_n };
+                if shown {
+                    input.wrench.force += side;
+                }
+                input.arm_force =
+                    Some(turned * (input.wrench.force + side * f64::from(u8::from(!shown))));
+            });
+            assert!(matches!(output.phase, Phase::Approach | Phase::Retract));
+            fault = output.fault.or(fault);
+        }
+        fault
+    };
+    assert_eq!(run(35.0, true), None);
+    assert_eq!(run(25.0, false), None);
+    assert_eq!(run(36.0, false), Some(Fault::ForceUnread));
 }

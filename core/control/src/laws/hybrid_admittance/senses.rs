@@ -9,7 +9,7 @@ use super::config::ControllerConfig;
 use super::interface::ControlInput;
 use super::moving_base::MovingBase;
 use super::percept::Percept;
-use super::run::Run;
+use super::run::{HoldReason, Run};
 use super::stiffness::DEPTH_SD_M;
 use super::surface::Surface;
 use super::touchdown::touch_force_n;
@@ -17,6 +17,7 @@ use crate::estimator_choice::EstimateStatus;
 use crate::estimator_choice::switching::ChoiceRules;
 use crate::limits::Limits;
 use crate::limits::answer::DepthRule;
+use crate::limits::arm_force::{Moving, TwoForces};
 use crate::limits::plausibility::is_wrench;
 use crate::limits::reference_probe::ProbeRule;
 use crate::limits::response_guard::{Doing, Touch};
@@ -27,6 +28,8 @@ use crate::task::program::Program;
 /// Slope by which the normal in use may be wrong: 20 degrees, because an estimator that works by
 /// touch alone finds the normal only while sliding.
 const SLOPE: f64 = 0.36;
+/// Largest age of a wrench that is compared with the arm's own force, s.
+const COMPARED_S: f64 = 0.02;
 /// Longest time for which a gap as large as the error of a depth is no loss of contact, s.
 const GAP_MAX_S: f64 = 0.25;
 /// Distance from the tool's origin to an edge of the tip that may be the contact, m.
@@ -147,15 +150,18 @@ impl Run {
         flange_from_tool: &Pose<Flange, Tool>,
         input: &ControlInput<N>,
     ) {
-        let difference = (input.arm_force)
-            .filter(|_| input.wrench_validity.is_valid())
-            .map(|force| flange_from_tool.unrotate(&force) - input.wrench.force);
-        self.is_unread = self.arm_force.step(
-            matches!(self.phase, Phase::Approach | Phase::Seek),
-            difference,
-            limits.unread_force_max_n,
-            input.dt_s,
-        );
+        let good = input.wrench_validity.is_valid() && input.wrench_age_s <= COMPARED_S;
+        let forces = input.arm_force.filter(|_| good).map(|force| TwoForces {
+            arm: flange_from_tool.unrotate(&force),
+            sensor: input.wrench.force,
+        });
+        let stopped = match self.hold {
+            HoldReason::NoWrench(from) if self.phase == Phase::Hold => Some(from),
+            _ => None,
+        };
+        let moving = Moving::of(self.phase, stopped);
+        let most_n = limits.unread_force_max_n;
+        self.is_unread = self.arm_force.step(moving, forces, most_n, input.dt_s);
     }
 
     /// Validity of the wrench: as the input states it, or by how the wrench responds to the tool's

@@ -50,8 +50,13 @@ impl Bench {
     }
 
     pub fn at_rate(task: &str, dt_s: f64) -> Self {
+        Self::with_tool(task, dt_s, UnitQuaternion::identity())
+    }
+
+    /// With a tool that is turned on the flange.
+    pub fn with_tool(task: &str, dt_s: f64, turned: UnitQuaternion<f64>) -> Self {
         let arm = Arm::new(&ModelData::builtin("ur5").unwrap()).unwrap();
-        let flange_from_tool = Pose::new(Vector3::new(0.0, 0.0, 0.15), UnitQuaternion::identity());
+        let flange_from_tool = Pose::new(Vector3::new(0.0, 0.0, 0.15), turned);
         let mut controller = Controller::new(
             arm,
             flange_from_tool,

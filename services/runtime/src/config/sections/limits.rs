@@ -41,8 +41,8 @@ pub struct LimitsConfig {
     /// Force beyond which the controller retracts with any zero of the sensor, N: the untared
     /// reading compared with the last good zero. `None`: `force_max_n` plus 5 N.
     pub untared_force_max_n: Option<f64>,
-    /// Force that the arm itself feels (`arm/wrench`), and the sensor does not show, beyond which a
-    /// tool that moves towards a surface retracts, N.
+    /// Force that the arm itself feels (`arm/wrench`) or its motors show, and the sensor does not,
+    /// beyond which a tool that moves towards a surface retracts, N.
     pub unread_force_max_n: f64,
     /// Largest share of the sensor's range that the untared reading may take in any axis, 0 to 1;
     /// applies if no good zero is known.

@@ -372,14 +372,15 @@ impl SensorConfig {
 
     fn check_topic(&self, checker: &Checker<'_>) -> Result<(), ConfigError> {
         let allowed = "a topic's name without a leading / and without *, $, ?, #, and none that this service publishes \
-                       (wrench/raw, wrench/tool, wrench/status): [sensor.topic] key = \"my_sensor/wrench\"";
+                       (wrench/raw, wrench/tool, wrench/status) or its bridge (arm/): [sensor.topic] key = \"my_sensor/wrench\"";
         let key = self.topic.as_ref().map_or("", |topic| topic.key.as_str());
         let named = !key.is_empty()
             && !key.starts_with('/')
             && !key.ends_with('/')
             && !key.contains("//")
             && !key.contains(['*', '$', '?', '#'])
-            && !key.starts_with("wrench/");
+            && !key.starts_with("wrench/")
+            && !key.starts_with("arm/");
         checker.require(named, "sensor.topic.key", format!("\"{key}\""), allowed)?;
         checker.require(
             self.rate_hz > 0.0,

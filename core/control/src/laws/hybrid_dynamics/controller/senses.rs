@@ -10,6 +10,7 @@ use super::super::estimate_follower::EstimateFollower;
 use super::super::law::{ArmNow, Constraint};
 use super::{Felt, HybridDynamics};
 use crate::laws::torque_task::TorqueLaw;
+use crate::limits::arm_force::{Moving, TwoForces};
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_place;
 use crate::limits::response_guard::{Doing, Touch};
@@ -50,12 +51,13 @@ impl<const N: usize> HybridDynamics<N> {
         let joints = (&now.q, &now.qd);
         let (model, friction) = (&self.model, &self.friction);
         let shown = (self.run.motor_force).step(model, friction, joints, &now.jacobian, dt_s);
-        self.run.arm_force.step(
-            matches!(self.task.phase, Phase::Approach | Phase::Seek),
-            shown.zip(felt).map(|(shown, felt)| shown - felt.force),
-            self.limits.unread_force_max_n,
-            dt_s,
-        )
+        let forces = shown.zip(felt).map(|(arm, felt)| TwoForces {
+            arm,
+            sensor: felt.force,
+        });
+        let moving = Moving::of(self.task.phase, None);
+        let most_n = self.limits.unread_force_max_n;
+        self.run.arm_force.step(moving, forces, most_n, dt_s)
     }
 
     /// The estimate, if it can be used in this period.

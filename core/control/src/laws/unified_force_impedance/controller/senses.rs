@@ -9,6 +9,7 @@ use super::super::law::ArmNow;
 use super::super::monitor::rho_force;
 use super::{Felt, UnifiedForceImpedance, Wanted};
 use crate::laws::torque_task::TorqueLaw;
+use crate::limits::arm_force::{Moving, TwoForces};
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_wrench;
 use crate::limits::response_guard::{Doing, Touch};
@@ -117,12 +118,13 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let felt = felt
             .wrench
             .map(|wrench| wrench.fixed_rows::<3>(0).into_owned());
-        self.run.arm_force.step(
-            matches!(self.task.phase, Phase::Approach | Phase::Seek),
-            (shown.zip(felt)).map(|(shown, felt)| shown - now.tool.rotate(&felt)),
-            self.limits.unread_force_max_n,
-            dt_s,
-        )
+        let forces = shown.zip(felt).map(|(arm, felt)| TwoForces {
+            arm,
+            sensor: now.tool.rotate(&felt),
+        });
+        let moving = Moving::of(self.task.phase, None);
+        let most_n = self.limits.unread_force_max_n;
+        self.run.arm_force.step(moving, forces, most_n, dt_s)
     }
 
     /// Updates monitor and shaping. Returns ρ_frc.
