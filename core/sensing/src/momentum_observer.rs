@@ -76,11 +76,26 @@ impl MomentumObserver {
         torque: &Joints<N>,
         dt_s: f64,
     ) -> Joints<N> {
-        let sound = |x: &Joints<N>| x.iter().all(|v| v.is_finite());
-        if !(sound(q) && sound(qd) && sound(torque) && dt_s > 0.0) {
+        if !q.iter().all(|v| v.is_finite()) {
             return state.residual;
         }
-        let (mass, bias) = model.mass_matrix_and_bias(q, qd);
+        self.update_with(state, model.mass_matrix_and_bias(q, qd), qd, torque, dt_s)
+    }
+
+    /// As [`update`](Self::update), with the mass matrix and the bias torques of the arm at the end
+    /// of the period, for a caller that has them.
+    pub fn update_with<const N: usize>(
+        &self,
+        state: &mut MomentumObserverState<N>,
+        (mass, bias): (SMatrix<f64, N, N>, Joints<N>),
+        qd: &Joints<N>,
+        torque: &Joints<N>,
+        dt_s: f64,
+    ) -> Joints<N> {
+        let sound = |x: &Joints<N>| x.iter().all(|v| v.is_finite());
+        if !(sound(&bias) && sound(qd) && sound(torque) && dt_s > 0.0) {
+            return state.residual;
+        }
         if let Some(last) = state.last {
             let momentum = (mass + last.mass) * (qd - last.qd) * (0.5 / dt_s);
             let external = momentum - torque + (bias + last.bias) * 0.5;

@@ -56,13 +56,19 @@ pub(crate) struct TwoForces {
     pub sensor: Vector3<f64>,
 }
 
+impl TwoForces {
+    /// Both forces, if there are both.
+    pub fn of(arm: Option<Vector3<f64>>, sensor: Option<Vector3<f64>>) -> Option<Self> {
+        let (arm, sensor) = arm.zip(sensor)?;
+        Some(Self { arm, sensor })
+    }
+}
+
 /// Zero of the difference in a motion towards a surface, N.
 #[derive(Clone, Copy, Debug)]
 struct MotionZero {
     mean: Vector3<f64>,
     time_s: f64,
-    /// Whether the average is complete.
-    is_taken: bool,
 }
 
 /// State of the comparison for one task. A new one is the reset.
@@ -105,13 +111,12 @@ impl ArmForceGuard {
             let zero = self.motion.get_or_insert(MotionZero {
                 mean: Vector3::zeros(),
                 time_s: 0.0,
-                is_taken: false,
             });
+            let before_s = zero.time_s;
             zero.time_s += dt_s;
             if zero.time_s <= ZERO_S {
                 zero.mean += (difference - zero.mean) * (dt_s / zero.time_s);
-            } else if !zero.is_taken {
-                zero.is_taken = true;
+            } else if before_s <= ZERO_S {
                 let task = self.task.get_or_insert(zero.mean);
                 *task += clamp_norm(zero.mean - *task, RENEWED_N);
             }

@@ -2,7 +2,7 @@
 //! generalised-momentum observer on the commanded torques and the joints' motion.
 
 use nalgebra::{SMatrix, Vector3};
-use tangent_mechanics::{Arm, JointFriction, Joints};
+use tangent_mechanics::{JointFriction, Joints};
 use tangent_sensing::{MomentumObserver, MomentumObserverState, wrench_of_torques};
 
 /// Gain of the observer, 1/s: slow enough for a delay of several periods in the torques.
@@ -16,13 +16,14 @@ pub(crate) struct MotorForce<const N: usize> {
 }
 
 impl<const N: usize> MotorForce<N> {
-    /// Force of the environment on the tool, base axes, N, at the end of a period in `q` (rad) with
-    /// `qd` (rad/s); `jacobian` is that of the tool. `None` without torques that the arm takes.
+    /// Force of the environment on the tool, base axes, N, at the end of a period with `qd`
+    /// (rad/s). `dynamics` are the arm's mass matrix and the torques against gravity and Coriolis
+    /// forces (Nm) then; `jacobian` is that of the tool. `None` without torques that the arm takes.
     pub fn step(
         &mut self,
-        model: &Arm<N>,
+        dynamics: (SMatrix<f64, N, N>, Joints<N>),
         friction: &JointFriction<N>,
-        (q, qd): (&Joints<N>, &Joints<N>),
+        qd: &Joints<N>,
         jacobian: &SMatrix<f64, 6, N>,
         dt_s: f64,
     ) -> Option<Vector3<f64>> {
@@ -34,7 +35,7 @@ impl<const N: usize> MotorForce<N> {
             gain_per_s: OBSERVER_PER_S,
         };
         let known = torque - friction.torque(qd);
-        let external = observer.update(&mut self.observer, model, q, qd, &known, dt_s);
+        let external = observer.update_with(&mut self.observer, dynamics, qd, &known, dt_s);
         let wrench = wrench_of_torques(jacobian, &external);
         Some(wrench.fixed_rows::<3>(0).into_owned())
     }
@@ -50,7 +51,7 @@ impl<const N: usize> MotorForce<N> {
 mod tests {
     use super::*;
     use nalgebra::Vector6;
-    use tangent_mechanics::ModelData;
+    use tangent_mechanics::{Arm, ModelData};
 
     #[test]
     fn a_wall_in_the_way_shows_in_the_torques() {
@@ -60,7 +61,8 @@ mod tests {
         let friction = JointFriction::from_lists(&[], &[], 1.0);
         let mut force = MotorForce::default();
         let mut step = |torque| {
-            let seen = force.step(&arm, &friction, (&q, &qd), &jacobian, 1e-3);
+            let dynamics = arm.mass_matrix_and_bias(&q, &qd);
+            let seen = force.step(dynamics, &friction, &qd, &jacobian, 1e-3);
             force.commanded(torque);
             seen
         };

@@ -151,10 +151,10 @@ impl Run {
         input: &ControlInput<N>,
     ) {
         let good = input.wrench_validity.is_valid() && input.wrench_age_s <= COMPARED_S;
-        let forces = input.arm_force.filter(|_| good).map(|force| TwoForces {
-            arm: flange_from_tool.unrotate(&force),
-            sensor: input.wrench.force,
-        });
+        let arm = input
+            .arm_force
+            .map(|force| flange_from_tool.unrotate(&force));
+        let forces = TwoForces::of(arm, good.then_some(input.wrench.force));
         let stopped = match self.hold {
             HoldReason::NoWrench(from) if self.phase == Phase::Hold => Some(from),
             _ => None,

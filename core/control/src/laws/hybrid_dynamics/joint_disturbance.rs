@@ -2,7 +2,8 @@
 //! generalised-momentum observer whose known torques are those of the motors, of the compensated
 //! friction and of the measured wrench.
 
-use tangent_mechanics::{Arm, JointFriction, Joints};
+use nalgebra::SMatrix;
+use tangent_mechanics::{JointFriction, Joints};
 use tangent_sensing::{MomentumObserver, MomentumObserverState};
 
 use super::FrictionDoubtConfig;
@@ -26,17 +27,18 @@ impl<const N: usize> Default for JointDisturbance<N> {
 
 impl<const N: usize> JointDisturbance<N> {
     /// Motor torques beyond `friction` that balance what acts on the joints, Nm, at the end of a
-    /// period in `q` (rad) with `qd` (rad/s). `contact` are the torques of the measured wrench on
-    /// the joints, Nm.
+    /// period with `qd` (rad/s). `dynamics` are the arm's mass matrix and the torques against
+    /// gravity and Coriolis forces (Nm) then, `contact` the torques of the measured wrench on the
+    /// joints, Nm.
     ///
     /// The result is within the stated share of the modelled friction. A contact that the sensor
     /// does not measure looks like friction; without the bound the arm would push against it.
     pub fn step(
         &mut self,
         config: &FrictionDoubtConfig,
-        model: &Arm<N>,
+        dynamics: (SMatrix<f64, N, N>, Joints<N>),
         friction: &JointFriction<N>,
-        (q, qd): (&Joints<N>, &Joints<N>),
+        qd: &Joints<N>,
         contact: &Joints<N>,
         dt_s: f64,
     ) -> Joints<N> {
@@ -47,7 +49,7 @@ impl<const N: usize> JointDisturbance<N> {
             gain_per_s: config.observer_per_s,
         };
         let known = driving + contact;
-        let missed = -observer.update(&mut self.observer, model, q, qd, &known, dt_s);
+        let missed = -observer.update_with(&mut self.observer, dynamics, qd, &known, dt_s);
         Joints::from_fn(|i, _| {
             let modelled = friction.coulomb[i] + friction.viscous[i] * qd[i].abs();
             let most = config.share * modelled;
@@ -65,7 +67,7 @@ impl<const N: usize> JointDisturbance<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use tangent_mechanics::ModelData;
+    use tangent_mechanics::{Arm, ModelData};
 
     fn arm() -> Arm<6> {
         Arm::new(&ModelData::builtin("smart3s_substitute").unwrap()).unwrap()
@@ -82,9 +84,10 @@ mod tests {
         let (mut q, qd) = (arm.home(), Joints::<6>::repeat(0.05));
         let mut doubt = Joints::zeros();
         for _ in 0..1000 {
-            doubt = disturbance.step(&config, &arm, modelled, (&q, &qd), &Joints::zeros(), dt);
+            let dynamics = arm.mass_matrix_and_bias(&q, &qd);
+            doubt = disturbance.step(&config, dynamics, modelled, &qd, &Joints::zeros(), dt);
             // At constant speed the motors balance gravity, Coriolis terms and the true friction.
-            let (_, bias) = arm.mass_matrix_and_bias(&q, &qd);
+            let (_, bias) = dynamics;
             let rubbed = modelled.torque(&qd);
             disturbance.commanded(&(bias + truth.torque(&qd)), &rubbed);
             q += qd * dt;

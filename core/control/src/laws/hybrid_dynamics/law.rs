@@ -20,6 +20,8 @@ pub(super) struct ArmNow<const N: usize> {
     pub qd: Joints<N>,
     pub tool: Pose<Base, Tool>,
     pub jacobian: SMatrix<f64, 6, N>,
+    /// Mass matrix, and torques against gravity and Coriolis forces, Nm.
+    pub dynamics: (SMatrix<f64, N, N>, Joints<N>),
     /// J̇ q̇
     pub drift: Vector6<f64>,
     /// Linear velocity of the tip, m/s.
@@ -42,6 +44,7 @@ impl<const N: usize> ArmNow<N> {
             qd: *qd,
             tool,
             jacobian,
+            dynamics: model.mass_matrix_and_bias(q, qd),
             drift: model.jacobian_dot_at(q, qd, flange_from_tool) * qd,
             linear: twist.fixed_rows::<3>(0).into_owned(),
             angular: twist.fixed_rows::<3>(3).into_owned(),
@@ -219,7 +222,7 @@ pub(super) fn torque<const N: usize>(
     rubbed: &Joints<N>,
     push: &Joints<N>,
 ) -> (Joints<N>, bool) {
-    let (mass, bias) = model.mass_matrix_and_bias(&now.q, &now.qd);
+    let (mass, bias) = now.dynamics;
     let inverse = inverse_of(cell, now);
     let solve = |twist: &Vector6<f64>| inverse.map_or_else(Joints::zeros, |i| i * twist);
     let mut wanted = solve(&(acceleration - now.drift));

@@ -355,9 +355,9 @@ impl<const N: usize> HybridDynamics<N> {
         self.run.missed_share += (wanted - self.run.missed_share) * (dt / MISSED_S).min(1.0);
         let missed = self.run.disturbance.step(
             &self.task.program.config.friction_doubt,
-            &self.model,
+            now.dynamics,
             &self.friction,
-            (&now.q, &now.qd),
+            &now.qd,
             &contact,
             dt,
         );

@@ -48,13 +48,9 @@ impl<const N: usize> HybridDynamics<N> {
 
     /// Whether the motors show a force that the sensor does not.
     fn is_unread(&mut self, now: &ArmNow<N>, felt: Option<&Felt>, dt_s: f64) -> bool {
-        let joints = (&now.q, &now.qd);
-        let (model, friction) = (&self.model, &self.friction);
-        let shown = (self.run.motor_force).step(model, friction, joints, &now.jacobian, dt_s);
-        let forces = shown.zip(felt).map(|(arm, felt)| TwoForces {
-            arm,
-            sensor: felt.force,
-        });
+        let (friction, jacobian) = (&self.friction, &now.jacobian);
+        let shown = (self.run.motor_force).step(now.dynamics, friction, &now.qd, jacobian, dt_s);
+        let forces = TwoForces::of(shown, felt.map(|felt| felt.force));
         let moving = Moving::of(self.task.phase, None);
         let most_n = self.limits.unread_force_max_n;
         self.run.arm_force.step(moving, forces, most_n, dt_s)

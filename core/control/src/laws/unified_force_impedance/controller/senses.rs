@@ -112,16 +112,11 @@ impl<const N: usize> UnifiedForceImpedance<N> {
 
     /// Whether the motors show a force that the robot's estimate does not.
     fn is_unread(&mut self, felt: &Felt, now: &ArmNow<N>, dt_s: f64) -> bool {
-        let joints = (&now.q, &now.qd);
-        let (model, friction) = (&self.model, &self.friction);
-        let shown = (self.run.motor_force).step(model, friction, joints, &now.jacobian, dt_s);
-        let felt = felt
-            .wrench
-            .map(|wrench| wrench.fixed_rows::<3>(0).into_owned());
-        let forces = shown.zip(felt).map(|(arm, felt)| TwoForces {
-            arm,
-            sensor: now.tool.rotate(&felt),
-        });
+        let dynamics = self.model.mass_matrix_and_bias(&now.q, &now.qd);
+        let (friction, jacobian) = (&self.friction, &now.jacobian);
+        let shown = (self.run.motor_force).step(dynamics, friction, &now.qd, jacobian, dt_s);
+        let read = |wrench: Vector6<f64>| now.tool.rotate(&wrench.fixed_rows::<3>(0).into_owned());
+        let forces = TwoForces::of(shown, felt.wrench.map(read));
         let moving = Moving::of(self.task.phase, None);
         let most_n = self.limits.unread_force_max_n;
         self.run.arm_force.step(moving, forces, most_n, dt_s)
