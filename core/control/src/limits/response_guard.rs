@@ -184,6 +184,8 @@ impl ResponseGuard {
                 force_n: touch.force_n,
                 whole_n: touch.wrench.fixed_rows::<3>(0).norm(),
                 reference_n: touch.reference_n,
+                step,
+                normal: touch.normal,
                 dt_s: touch.dt_s,
             });
             let dead = self.stands_still(touch, &step)
