@@ -6,12 +6,13 @@ use tangent_mechanics::{Arm, Flange, Joints, Pose, Tool, Twist, manipulability};
 use super::config::ControllerConfig;
 use super::interface::{ControlInput, ControlOutput};
 use super::joint_velocity::JointVelocity;
+use super::joint_way::JointWay;
 use super::loop_delay::{DelaySample, LoopDelay, LoopDelayState};
 use super::motion::{Learning, ramp_gains, wanted_twist};
 use super::moving_base::MovingBase;
 use super::percept::{Percept, Requests};
 use super::run::Run;
-use super::travel::{Travel, TravelPoses};
+use super::travel::TravelPoses;
 use crate::contact::alignment::alignment_error;
 use crate::coverage::{Coverage, CoverageResult};
 use crate::error::ControlError;
@@ -579,7 +580,7 @@ impl<const N: usize> Controller<N> {
         self.delay.interrupt();
         let jacobian = self.arm.jacobian_at(&input.q, &self.flange_from_tool);
         let spec = self.program.as_ref().and_then(|p| self.run.pose(&p.task));
-        let limits = spec.map(|spec| Travel::limits(spec, &self.arm, &self.limits));
+        let limits = spec.map(|spec| JointWay::limits(spec, &self.arm, &self.limits));
         let goes = !self.run.paused && percept.wrench.is_some();
         let qd = limits.map_or_else(Joints::<N>::zeros, |limits| {
             let target = goes.then_some(target);

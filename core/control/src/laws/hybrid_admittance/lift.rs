@@ -5,13 +5,14 @@
 //! surface of the task, ask for. A touch on the way leads further off. Called by the phase machine
 //! and the motion of phase `lift`.
 
-use nalgebra::{UnitVector3, Vector3};
+use nalgebra::Vector3;
 use tangent_mechanics::{Aligned, Base, Tool, Twist, Wrench};
 use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::landing::Expected;
 use super::percept::Percept;
+use super::route::{Lifting, Route, Stage};
 use super::run::Run;
 use super::surface::Surface;
 use super::surface_chart::{Felt, SurfaceChart};
@@ -47,74 +48,6 @@ const RISE_WHILE_HELD: f64 = 0.2;
 const BACK_MAX_M: f64 = 0.02;
 /// Touches on one way that lead further off; the next one ends the task.
 const CLIMBS_MAX: u32 = 3;
-
-/// Where a lift is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Stage {
-    /// Off the surface, along the normal.
-    Off,
-    /// Above the surface, waiting for its route.
-    Above,
-    /// On its route.
-    Over(Route),
-}
-
-/// A way above the surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Route {
-    from: Vector3<f64>,
-    to: Vector3<f64>,
-    from_normal: Vector3<f64>,
-    to_normal: Vector3<f64>,
-    /// Height of the middle of the route above the straight line, m.
-    bulge_m: f64,
-    /// Where the next stroke begins on the surface, m.
-    lands: Vector3<f64>,
-    profile: Profile,
-    time_s: f64,
-}
-
-impl Route {
-    /// Place and normal at a time of the route.
-    fn at(&self, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
-        let (share, _) = self.profile.at(time_s);
-        let (a, b) = (self.from_normal, self.to_normal);
-        let normal = UnitVector3::new_normalize(a)
-            .try_slerp(&UnitVector3::new_normalize(b), share, 1e-9)
-            .map_or(a, |n| n.into_inner());
-        let bulge = 4.0 * share * (1.0 - share) * self.bulge_m;
-        (self.from.lerp(&self.to, share) + normal * bulge, normal)
-    }
-}
-
-/// State of a lift. A new one is the reset.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lifting {
-    pub stage: Stage,
-    /// Where the present way off begins, m.
-    from: Vector3<f64>,
-    climbs: u32,
-    /// Time on the path's clock at which the tool lands, s, if it passes over something in the way;
-    /// `None`: it lands at the next stroke.
-    past_s: Option<f64>,
-    /// Force along the surface at the start of a way over something, N: it lets go.
-    held_n: f64,
-    /// Whether the surface was felt near the landing.
-    pub knows_landing: bool,
-}
-
-impl Lifting {
-    pub fn idle() -> Self {
-        Self {
-            stage: Stage::Off,
-            from: Vector3::zeros(),
-            climbs: 0,
-            past_s: None,
-            held_n: 0.0,
-            knows_landing: false,
-        }
-    }
-}
 
 impl Run {
     /// Leaves the surface for the next stroke.

@@ -10,16 +10,16 @@ use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
 use super::interface::ControlInput;
+use super::joint_way::JointWay;
 use super::ledge::Ledge;
-use super::lift::Lifting;
 use super::losses::{Felt, Losses, Touch};
 use super::pace::Exploration;
 use super::percept::Percept;
+use super::route::Lifting;
 use super::side_load::SideLoad;
 use super::surface::Surface;
 use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
-use super::travel::Travel;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::{Clearance, LeaveWatch, Leaving};
 use crate::limits::arm_force::ArmForceGuard;
@@ -117,7 +117,7 @@ pub(crate) struct Run {
     /// Whether the zero in force turned out to have been taken in contact.
     pub zero_withdrawn: bool,
     /// The way in joint space to the start pose, or home.
-    pub travel: Travel,
+    pub travel: JointWay,
 }
 
 impl Run {
@@ -174,7 +174,7 @@ impl Run {
             seeks_lost: false,
             renewed: false,
             zero_withdrawn: false,
-            travel: Travel::default(),
+            travel: JointWay::default(),
         }
     }
 
