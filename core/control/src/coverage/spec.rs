@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{ControlError, check_range};
-use crate::task::path::{PathSpec, SPEED_M_PER_S, default_lift, default_travel};
+use crate::task::path::PathSpec;
+use crate::task::path::ranges::{SPEED_M_PER_S, default_lift, default_travel};
 use crate::task::region::{Pattern, Region};
 
 /// Most rounds.

@@ -8,7 +8,8 @@ use nalgebra::Vector2;
 
 use super::chain::{TURN_MAX_RAD, turn_rad, turn_speed_m_per_s};
 use super::force_profile::{force_at, steepest_n_per_m};
-use super::strokes::{Strokes, default_lift, default_travel};
+use super::ranges::{default_lift, default_travel};
+use super::strokes::Strokes;
 use super::{Path, Pressing, Shape, Stretch};
 use crate::error::ControlError;
 use crate::task::profile::Profile;

@@ -8,6 +8,7 @@ mod chain;
 mod force_profile;
 mod lifts;
 mod places;
+pub(crate) mod ranges;
 mod spec;
 mod strokes;
 
@@ -20,8 +21,6 @@ pub(crate) use force_profile::{FORCE_N, check_force_profile};
 pub(crate) use lifts::{Lift, Rise, StrokeWay};
 pub use places::PathPlace;
 pub use spec::{Circle, Line, PathSpec, Raster, Stay, Waypoints};
-pub(crate) use spec::{PAUSE_S, SPEED_M_PER_S, check_point};
-pub(crate) use strokes::{LIFT_M, default_lift, default_travel};
 pub use strokes::{StrokeSpec, Strokes};
 
 #[derive(Clone, Copy, Debug)]

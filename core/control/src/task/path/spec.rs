@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::ranges::{PAUSE_S, REACH_M, SPEED_M_PER_S, check_point};
 use super::strokes::Strokes;
 use crate::error::{ControlError, check_range};
 use crate::task::ExpectedSurface;
@@ -142,12 +143,6 @@ fn one_stroke() -> u32 {
     1
 }
 
-/// Lowest and highest speed of a path, m/s.
-pub(crate) const SPEED_M_PER_S: (f64, f64) = (0.001, 0.25);
-/// Shortest and longest pause, s.
-pub(crate) const PAUSE_S: (f64, f64) = (0.0, 60.0);
-const REACH: f64 = 2.0;
-
 impl PathSpec {
     /// Checks that every number is in its range.
     pub fn check(&self) -> Result<(), ControlError> {
@@ -155,15 +150,15 @@ impl PathSpec {
         let pause = |v| check_range("path.pause_s", v, PAUSE_S.0, PAUSE_S.1);
         match self {
             Self::Raster(r) => {
-                check_range("path.length_m", r.length_m, 0.001, REACH)?;
-                check_range("path.step_m", r.step_m, -REACH, REACH)?;
+                check_range("path.length_m", r.length_m, 0.001, REACH_M)?;
+                check_range("path.step_m", r.step_m, -REACH_M, REACH_M)?;
                 check_range("path.lines", f64::from(r.lines), 1.0, 1000.0)?;
                 check_range("path.duration_s", r.duration_s, 0.0, 86_400.0)?;
                 pause(r.pause_s)?;
                 speed(r.speed_m_per_s)
             }
             Self::Circle(c) => {
-                check_range("path.radius_m", c.radius_m, 0.001, REACH)?;
+                check_range("path.radius_m", c.radius_m, 0.001, REACH_M)?;
                 check_range("path.turns", c.turns, -1000.0, 1000.0)?;
                 if c.turns == 0.0 {
                     return Err(ControlError::range("path.turns", 0.0, "anything but zero"));
@@ -191,7 +186,7 @@ impl PathSpec {
                 speed(w.speed_m_per_s)
             }
             Self::Loops(l) => {
-                check_range("path.radius_m", l.radius_m, 0.001, REACH)?;
+                check_range("path.radius_m", l.radius_m, 0.001, REACH_M)?;
                 check_range(
                     "path.turn_rate_rad_per_s",
                     l.turn_rate_rad_per_s,
@@ -246,9 +241,4 @@ impl Loops {
     pub(super) fn speed(&self) -> f64 {
         self.radius_m * self.turn_rate_rad_per_s.abs() + self.advance_m_per_s.abs()
     }
-}
-
-pub(crate) fn check_point(key: &str, point: &[f64; 2]) -> Result<(), ControlError> {
-    check_range(key, point[0], -REACH, REACH)?;
-    check_range(key, point[1], -REACH, REACH)
 }

@@ -4,25 +4,14 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::force_profile::{FORCE_N, check_force_profile};
-use super::spec::{PAUSE_S, SPEED_M_PER_S, check_point};
+use super::ranges::{LIFT_M, PAUSE_S, SPEED_M_PER_S, check_point, default_lift, default_travel};
 use crate::error::{ControlError, check_range};
 use crate::task::ExpectedSurface;
 
-/// Smallest and largest height of the tool above the surface between strokes, m. A lost surface is
-/// searched for over a little more than the largest.
-pub(crate) const LIFT_M: (f64, f64) = (0.005, 0.02);
 /// A stroke that begins this near the end of the one before needs no lift, m.
 const JOINED_M: f64 = 1e-4;
 /// Most points of all strokes.
 const POINTS_MAX: usize = 100_000;
-
-pub(crate) fn default_lift() -> f64 {
-    0.01
-}
-
-pub(crate) fn default_travel() -> f64 {
-    0.05
-}
 
 /// Strokes on the surface; the tool lifts off between them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -19,7 +19,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{ControlError, check_range};
-use crate::task::path::{
+use crate::task::path::ranges::{
     LIFT_M, PAUSE_S, SPEED_M_PER_S, check_point, default_lift, default_travel,
 };
 use order::{Ordered, ordered};
