@@ -11,6 +11,8 @@ pub(crate) mod motor_force;
 pub(crate) mod plausibility;
 pub(crate) mod reference_probe;
 pub(crate) mod response_guard;
+pub(crate) mod standstill;
+pub(crate) mod touch;
 pub(crate) mod turn_guard;
 pub mod wrench_guard;
 

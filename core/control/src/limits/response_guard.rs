@@ -3,150 +3,40 @@
 //!
 //! Every law calls it each cycle beside the wrench guard, before it uses the wrench. Three
 //! observations rule out a working sensor: the tool goes deeper or comes out while the reading does
-//! not change; the tool goes deeper while the reading's mean does not rise (`answer`: a dead sensor
-//! that still produces noise); the tool leaves the surface while the pressing force remains. A dead
-//! sensor, and a surface that recedes no more steeply than the possible error of the normal, both
-//! need more motion at the same force: only a lower reference tells them apart (`reference_probe`).
+//! not change (`standstill`); the tool goes deeper while the reading's mean does not rise
+//! (`answer`: a dead sensor that still produces noise); the tool leaves the surface while the
+//! pressing force remains. A dead sensor, and a surface that recedes no more steeply than the
+//! possible error of the normal, both need more motion at the same force: only a lower reference
+//! tells them apart (`reference_probe`).
 
-use nalgebra::{Vector3, Vector6};
+use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
-use crate::limits::answer::{Answer, DepthRule, Pressed};
+use crate::limits::answer::{Answer, Pressed};
 use crate::limits::direction::{Aimed, Direction};
 use crate::limits::falling_away::{FallingAway, Felt};
-use crate::limits::reference_probe::{Held, ProbeRule, ReferenceProbe};
-use crate::phase_machine::Phase;
+use crate::limits::reference_probe::{Held, ReferenceProbe};
+use crate::limits::standstill::{Judgement, Standstill, UNFELT_N, WAY_M};
+use crate::limits::touch::{Doing, Touch};
 
-/// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
-/// sensor makes every contact look soft.
-const STIFFNESS_N_PER_M: f64 = 25_000.0;
-/// A reading that changes by less than this is constant, N: a payload that turns with the tool
-/// changes it slightly.
-const STILL_N: f64 = 5e-3;
-/// Additional change per metre of depth below which a reading counts as constant, N/m: a quarter of
-/// the softest surface's stiffness.
-const STILL_N_PER_M: f64 = 250.0;
-/// Force that may build up undetected while the reading is constant, N, or this share of the
-/// reference.
-const UNFELT_N: f64 = 1.5;
-const UNFELT_SHARE: f64 = 0.5;
-/// Time until a reading shows the effect of a motion, s.
-const LATE_S: f64 = 0.03;
-/// Minimum distance that counts, m: above a joint encoder's noise at the tool.
-const WAY_MIN_M: f64 = 2e-5;
-/// Distance after which the decision is made, m.
-const WAY_M: f64 = 2e-3;
 /// Stiffness of the softest surface that releases its force over the distance of a retraction, N/m.
 const SOFTEST_N_PER_M: f64 = 1000.0;
 /// Share of the pressing force that may remain after the tool has covered its indentation and
 /// [`WAY_M`] more.
 const LEFT_SHARE: f64 = 0.8;
-/// A force below this, or below this share of the reference, is no contact: the loss of contact is
-/// handled elsewhere.
-const PRESSED_N: f64 = 0.2;
+/// Share of the reference below which a force is no contact: the loss of contact is handled
+/// elsewhere.
 const PRESSED_SHARE: f64 = 0.1;
 /// Share of the reference from which the mean is compared with the depth: a sensor may die at the
 /// first touch.
 const TOUCHED_SHARE: f64 = 0.02;
-
 /// Share of the reference from which a tool that gives way presses as it should.
 const HELD_SHARE: f64 = 0.5;
-
-/// What the tool does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Doing {
-    /// In free space, or not meant to touch.
-    Free,
-    /// Pressing on the surface.
-    Pressing,
-    /// Moving off the surface.
-    Leaving,
-}
-
-impl Doing {
-    /// What the tool does in a phase.
-    pub fn of(phase: Phase) -> Self {
-        match phase {
-            Phase::Retract => Self::Leaving,
-            pressing if pressing.is_pressing() => Self::Pressing,
-            _ => Self::Free,
-        }
-    }
-}
-
-/// Measurements of one cycle of the tool and its sensor.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Touch {
-    pub doing: Doing,
-    /// Position of the tool's origin, m, in axes in which the surface is at rest.
-    pub position: Vector3<f64>,
-    /// Normal in the same axes, out of the material.
-    pub normal: Vector3<f64>,
-    /// Wrench as read, tool axes, N and Nm.
-    pub wrench: Vector6<f64>,
-    /// Pressing force of that wrench, N.
-    pub force_n: f64,
-    /// Reference of the pressing force, N.
-    pub reference_n: f64,
-    /// Measured stiffness of the contact, N/m; `None` if not measured.
-    pub stiffness_n_per_m: Option<f64>,
-    /// Whether the law gives way to a load along the surface.
-    pub gives_way: bool,
-    /// Whether the arm's base is at rest.
-    pub rests: bool,
-    /// Whether the reading arrived since the last cycle: a repeated reading carries no new
-    /// information.
-    pub fresh: bool,
-    /// How the mean of the reading is compared with the depth; `None`: not at all.
-    pub depth: Option<DepthRule>,
-    /// How the law lets its reference be lowered; `None`: not at all.
-    pub probe: Option<ProbeRule>,
-    /// Period, s.
-    pub dt_s: f64,
-}
-
-impl Touch {
-    /// Whether the tool is meant to press, and the measured force is at least this share of the
-    /// reference.
-    fn presses(&self, share: f64) -> bool {
-        self.doing == Doing::Pressing
-            && self.rests
-            && self.force_n >= PRESSED_N.max(share * self.reference_n)
-    }
-}
-
-/// A reading that stays constant, and the tool's motion since.
-#[derive(Clone, Copy, Debug)]
-struct Still {
-    wrench: Vector6<f64>,
-    /// Depth into the surface, m, along the normals in use during the motion.
-    depth_m: f64,
-    /// Distance across those normals, m.
-    across_m: f64,
-    /// Distance that an edge of the tip has moved along them while the tool turned, m.
-    edge_m: f64,
-    /// Part of the depth that the reading can show by now, m.
-    late_m: f64,
-    since_s: f64,
-}
-
-impl Still {
-    fn at(touch: &Touch) -> Self {
-        Self {
-            wrench: touch.wrench,
-            depth_m: 0.0,
-            across_m: 0.0,
-            edge_m: 0.0,
-            late_m: 0.0,
-            since_s: 0.0,
-        }
-    }
-}
 
 /// State of the guard for one task. A new one is the reset.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ResponseGuard {
-    still: Option<Still>,
+    still: Option<Standstill>,
     answer: Option<Answer>,
     probe: Option<ReferenceProbe>,
     /// Whether the reading does not follow the reference.
@@ -253,49 +143,18 @@ impl ResponseGuard {
             return false;
         }
         let Some(still) = &mut self.still else {
-            self.still = Some(Still::at(touch));
+            self.still = Some(Standstill::at(touch));
             return false;
         };
-        let deeper = -step.dot(&touch.normal);
-        still.depth_m += deeper;
-        still.across_m += (step + touch.normal * deeper).norm();
-        still.edge_m += touch
-            .depth
-            .map_or(0.0, |rule| rule.edge_speed_m_per_s * touch.dt_s);
-        still.late_m += (still.depth_m - still.late_m) * (touch.dt_s / (touch.dt_s + LATE_S));
-        still.since_s += touch.dt_s;
-        let Still {
-            depth_m,
-            across_m,
-            edge_m,
-            late_m,
-            since_s,
-            ..
-        } = *still;
-        let changed = (touch.wrench - still.wrench).fixed_rows::<3>(0).norm();
-        // On the way out the reading need not change much: a hand that lifts the tool off gives a
-        // steady reading. It still varies more than a dead sensor's, and the true force falls.
-        let still_n = STILL_N.max(STILL_N_PER_M * late_m);
-        if changed > still_n {
-            *still = Still::at(touch);
-            return false;
+        match still.judge(touch, step) {
+            Judgement::Changes => false,
+            Judgement::Stands => true,
+            Judgement::Doubtful => {
+                self.doubted = true;
+                self.still = None;
+                false
+            }
         }
-        let stiffness = touch
-            .stiffness_n_per_m
-            .unwrap_or(0.0)
-            .max(STIFFNESS_N_PER_M);
-        let unfelt = UNFELT_N.max(UNFELT_SHARE * touch.reference_n);
-        let enough = (unfelt / stiffness).clamp(WAY_MIN_M, WAY_M);
-        // A normal that is off by 20 degrees turns sliding along the surface into apparent depth.
-        let stands = since_s >= LATE_S && depth_m.abs() - 0.36 * across_m - edge_m >= enough;
-        let probes = touch.probe.is_some() && touch.depth.is_some_and(|rule| !rule.settling);
-        if stands && probes && changed > STILL_N {
-            // A reading that changes a little may be a surface far softer than thought.
-            self.doubted = true;
-            self.still = None;
-            return false;
-        }
-        stands
     }
 
     /// Whether the tool goes deeper while the mean of the noisy reading does not rise. Where the
@@ -382,7 +241,10 @@ impl ResponseGuard {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector6;
+
     use super::*;
+    use crate::limits::answer::DepthRule;
 
     /// The tool at a depth (m) in the surface, after sliding `x` (m), reading `force_n`.
     fn touch(doing: Doing, depth: f64, x: f64, force_n: f64) -> Touch {

@@ -20,7 +20,7 @@ use crate::limits::answer::DepthRule;
 use crate::limits::arm_force::{Moving, TwoForces};
 use crate::limits::plausibility::is_wrench;
 use crate::limits::reference_probe::ProbeRule;
-use crate::limits::response_guard::{Doing, Touch};
+use crate::limits::touch::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 use crate::task::program::Program;

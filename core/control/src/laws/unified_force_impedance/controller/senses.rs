@@ -12,7 +12,7 @@ use crate::laws::torque_task::TorqueLaw;
 use crate::limits::arm_force::{Moving, TwoForces};
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_wrench;
-use crate::limits::response_guard::{Doing, Touch};
+use crate::limits::touch::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
 use crate::phase_machine::Phase;
 
