@@ -43,7 +43,8 @@ pub use laws::unified_force_impedance::{
     UnifiedOutput,
 };
 pub use learning::{EndedPass, Learner, LearningSpec, Memory, MemoryError};
-pub use leaving::clearance::{Clearance, LeaveConfig};
+pub use leaving::clearance::Clearance;
+pub use leaving::config::LeaveConfig;
 pub use leaving::tare_permission::{ContactSign, ControllerWord};
 pub use limits::faults::Fault;
 pub use limits::{Limits, TwistLimiter, clamp_norm};

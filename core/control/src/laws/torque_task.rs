@@ -13,7 +13,8 @@ use tangent_schemas::CommandKind;
 
 use crate::joint_move::left_rad;
 use crate::law::{JointCommand, Law, LawInput, LawOutput, Start};
-use crate::leaving::clearance::{Clearance, LeaveConfig};
+use crate::leaving::clearance::Clearance;
+use crate::leaving::config::LeaveConfig;
 use crate::leaving::departure::{Departure, Rules};
 use crate::limits::Limits;
 use crate::limits::faults::Fault;

@@ -2,12 +2,15 @@
 //! retraction at the end.
 //!
 //! Shared by both torque laws. This module gives the distance, speed and direction; the laws give
-//! the starting point and what holds the tool meanwhile. `clearance` judges the force during the
+//! the starting point and what holds the tool meanwhile. `leave_watch` judges the force during the
 //! motion.
 
 use nalgebra::Vector3;
 
-use crate::leaving::clearance::{Ceiling, Clearance, LeaveConfig, LeaveWatch, Leaving, Met};
+use crate::leaving::clearance::Clearance;
+use crate::leaving::config::LeaveConfig;
+use crate::leaving::leave_watch::{LeaveWatch, Leaving};
+use crate::leaving::retreat::{Ceiling, Met};
 use crate::limits::Limits;
 use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;

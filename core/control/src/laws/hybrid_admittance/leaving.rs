@@ -1,7 +1,7 @@
 //! How a run leaves contact: moving off before a tare, lifting off for a new zero, and the
 //! retraction at the end.
 //!
-//! Called by the run's phase machine each cycle; `clearance` judges the force during the motion.
+//! Called by the run's phase machine each cycle; `leave_watch` judges the force during the motion.
 
 use tangent_sensing::Validity;
 
@@ -10,7 +10,9 @@ use super::interface::ControlInput;
 use super::percept::{Percept, Requests};
 use super::run::Run;
 use super::urgent::outside;
-use crate::leaving::clearance::{Ceiling, Clearance, Leaving, Met};
+use crate::leaving::clearance::Clearance;
+use crate::leaving::leave_watch::Leaving;
+use crate::leaving::retreat::{Ceiling, Met};
 use crate::limits::Limits;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_wrench;

@@ -17,7 +17,7 @@ use super::run::Run;
 use super::surface::Surface;
 use super::surface_chart::{Felt, SurfaceChart};
 use crate::contact::alignment::{alignment_rate, angle_between, tangential};
-use crate::leaving::clearance::Leaving;
+use crate::leaving::leave_watch::Leaving;
 use crate::limits::clamp_norm;
 use crate::limits::faults::Fault;
 use crate::phase_machine::Phase;

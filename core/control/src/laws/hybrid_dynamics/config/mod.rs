@@ -4,7 +4,7 @@ mod ranges;
 
 use serde::{Deserialize, Serialize};
 
-use crate::leaving::clearance::LeaveConfig;
+use crate::leaving::config::LeaveConfig;
 use crate::parameters::presets::Presets;
 use crate::parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 

@@ -6,7 +6,7 @@ mod ranges;
 use serde::{Deserialize, Serialize};
 
 use crate::contact::energy_tank::EnergyTank;
-use crate::leaving::clearance::LeaveConfig;
+use crate::leaving::config::LeaveConfig;
 use crate::parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 
 /// All parameters of the law.

@@ -5,7 +5,7 @@ use super::{
     PostureConfig, ShapingConfig, TactileTouchConfig, TankConfig, UnifiedForceImpedanceConfig,
 };
 use crate::contact::energy_tank::EnergyTank;
-use crate::leaving::clearance::LeaveConfig;
+use crate::leaving::config::LeaveConfig;
 use crate::parameters::presets::Presets;
 use crate::parameters::{FrictionConfig, PathProfileConfig, PatienceConfig};
 

@@ -1,0 +1,149 @@
+//! Whether an obstacle opposes a retraction.
+//!
+//! Called by `leave_watch` each cycle.
+
+use nalgebra::Vector3;
+
+use crate::contact::alignment::tangential;
+use crate::leaving::config::LeaveConfig;
+use crate::limits::Limits;
+
+/// Distance from which the minimum force of a retraction counts if the zero cannot be trusted, m:
+/// over the first part the contact may release a force that the zero hides.
+const LET_GO_M: f64 = 0.001;
+/// Maximum time for an arm that still moves in to reverse, s: its own lag plus the lag of the
+/// reading. A force that increases during this time is no obstacle.
+const TURN_S: f64 = 0.15;
+/// Lag of the reading, s: a force that rises for so long after the tool's last motion across the
+/// retraction comes from that motion.
+const READ_S: f64 = 0.03;
+/// Distance against the retraction, or into what pressed when it began, that shows that the arm
+/// still moves in, m: above a joint encoder's noise at the tool.
+const STILL_IN_M: f64 = 2e-5;
+
+/// Measurements of one cycle of a retraction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Met {
+    /// Direction of the retraction (unit), and the position of the tool, m; axes of the force.
+    pub along: Vector3<f64>,
+    pub position: Vector3<f64>,
+    /// Force on the tool, base axes, N.
+    pub force: Vector3<f64>,
+    /// Torque on the tool, Nm.
+    pub torque_nm: f64,
+    /// Whether the untared reading is beyond its limit.
+    pub hidden: bool,
+    /// Whether the zero can be trusted: neither lost nor taken in contact.
+    pub zeroed: bool,
+    /// Time since the last cycle, s.
+    pub dt_s: f64,
+}
+
+/// Loads at which a retraction stops, regardless of the load at its start.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ceiling {
+    /// Force, N.
+    pub force_n: f64,
+    /// Torque, Nm.
+    pub torque_nm: f64,
+}
+
+impl Ceiling {
+    /// From the cell's limits.
+    pub fn of(limits: &Limits) -> Self {
+        Self {
+            force_n: limits.force_max_n,
+            torque_nm: limits.torque_max_nm,
+        }
+    }
+}
+
+/// Loads against which a retraction is judged.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Retreat {
+    /// Position at the start, m, and the lowest place along the retraction relative to it (0 or
+    /// negative), m.
+    from: Vector3<f64>,
+    lowest_m: f64,
+    /// Direction of the force at the start, across the retraction.
+    out: Vector3<f64>,
+    /// Largest force in that direction while the tool slid on, N.
+    aside_n: f64,
+    /// Farthest position against `out`, m, and when it was reached, s.
+    deepest_m: f64,
+    deepest_s: f64,
+    elapsed_s: f64,
+    /// Force and torque at the start: N, Nm.
+    first: (f64, f64),
+    /// Minimum force and torque since: N, Nm.
+    least: (f64, f64),
+    hidden: bool,
+    pub zeroed: bool,
+}
+
+impl Retreat {
+    pub fn begin(met: &Met) -> Self {
+        let across = tangential(&met.force, &met.along);
+        let load = (met.force.dot(&met.along).abs(), met.torque_nm);
+        Self {
+            from: met.position,
+            lowest_m: 0.0,
+            out: across.try_normalize(1e-9).unwrap_or_default(),
+            aside_n: across.norm(),
+            deepest_m: 0.0,
+            deepest_s: f64::NEG_INFINITY,
+            elapsed_s: 0.0,
+            first: load,
+            least: load,
+            hidden: met.hidden,
+            zeroed: met.zeroed,
+        }
+    }
+
+    /// Processes one cycle; returns whether an obstacle opposes the motion.
+    pub fn is_opposed(&mut self, config: &LeaveConfig, ceiling: &Ceiling, met: &Met) -> bool {
+        let torque_nm = met.torque_nm;
+        let gone = met.position - self.from;
+        let gone_m = gone.dot(&met.along);
+        self.elapsed_s += met.dt_s;
+        self.lowest_m = self.lowest_m.min(gone_m);
+        // A tool that has slid into something still moves on, across the retraction: what stands
+        // there pushes harder until the tool is at rest. That part of the force is no obstacle.
+        let out_m = gone.dot(&self.out);
+        if out_m < self.deepest_m - STILL_IN_M {
+            (self.deepest_m, self.deepest_s) = (out_m, self.elapsed_s);
+        }
+        let slides_on = self.elapsed_s <= TURN_S.min(self.deepest_s + READ_S);
+        let aside_n = met.force.dot(&self.out).max(0.0);
+        if slides_on {
+            self.aside_n = self.aside_n.max(aside_n);
+        }
+        let force_n = (met.force - self.out * aside_n.min(self.aside_n)).norm();
+        // Once the tool moves out again, the contact releases: a force that increases from there
+        // comes from an obstacle.
+        let moves_in = self.elapsed_s <= TURN_S
+            && self.lowest_m < -STILL_IN_M
+            && gone_m <= self.lowest_m + STILL_IN_M;
+        if moves_in {
+            self.first.0 = self.first.0.max(force_n);
+            self.least.0 = force_n;
+        }
+        if moves_in || slides_on {
+            self.first.1 = self.first.1.max(torque_nm);
+            self.least.1 = torque_nm;
+        }
+        // The zero is not trusted: it is only assumed that the first millimetre releases the
+        // contact.
+        if self.zeroed || gone_m >= LET_GO_M {
+            self.least = (self.least.0.min(force_n), self.least.1.min(torque_nm));
+        } else {
+            self.least = (force_n, torque_nm);
+        }
+        let (opposed_n, opposed_nm) = (config.opposed_n, config.opposed_nm);
+        force_n > self.least.0 + opposed_n
+            || torque_nm > self.least.1 + opposed_nm
+            || force_n > ceiling.force_n.max(self.first.0 + opposed_n)
+            || torque_nm > ceiling.torque_nm.max(self.first.1 + opposed_nm)
+            || (met.hidden && !self.hidden)
+    }
+}
