@@ -1,6 +1,7 @@
 //! Travel on the surface until the estimated normal is near the true one.
 
-use super::{CycleSample, angle_deg};
+use super::normals::angle_deg;
+use super::sample::CycleSample;
 
 /// Angle below which the normal counts as found, degrees.
 const FOUND_DEG: f64 = 3.0;

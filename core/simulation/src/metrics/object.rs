@@ -7,7 +7,7 @@ use tangent_control::Phase;
 use tangent_estimation::object_pose::{CameraModel, FrameCounts};
 use tangent_mechanics::{Base, Flange, Object, Pose};
 
-use super::SETTLING_LEFT_OUT_S;
+use super::span::SETTLING_LEFT_OUT_S;
 
 /// Time after first contact within which the peak of the touchdown is taken, s.
 const TOUCHDOWN_S: f64 = 2.0;

@@ -1,5 +1,7 @@
 //! Closed forms for every figure.
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::*;
 
 fn cycle(time_s: f64) -> CycleSample {
