@@ -4,8 +4,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::cylinder::radial;
-use super::ray::roots;
-use super::{Ray, Shape};
+use super::ray::{Ray, roots};
+use super::shape::Shape;
 
 /// Material inside the side of the cone whose tip is at `z = height` and whose radius at `z = 0` is
 /// `base_radius`.

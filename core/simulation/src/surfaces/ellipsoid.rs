@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Shape;
+use super::shape::Shape;
 
 /// Material inside `(x/a)² + (y/b)² + (z/c)² = 1`.
 #[derive(Clone, Copy, Debug)]

@@ -3,9 +3,9 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
+use super::shape::Shape;
 
 /// Error in a table of heights.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

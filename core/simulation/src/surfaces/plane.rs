@@ -2,7 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Ray, Shape};
+use super::ray::Ray;
+use super::shape::Shape;
 
 /// Material where `z < 0`.
 #[derive(Clone, Copy, Debug)]

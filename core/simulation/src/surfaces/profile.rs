@@ -4,7 +4,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use super::{FACES_MAX, FacesAround, Shape};
+use super::shape::{FACES_MAX, FacesAround, Shape};
 
 /// Corners of a profile at most.
 const CORNERS_MAX: usize = 4;

@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
+use super::shape::Shape;
 
 /// `z = a_x sin(k_x x) + a_y sin(k_y y)`, with the material below.
 #[derive(Clone, Copy, Debug)]

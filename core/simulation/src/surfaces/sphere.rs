@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::ray::roots;
-use super::{Ray, Shape};
+use super::ray::{Ray, roots};
+use super::shape::Shape;
 
 /// Material within `radius` of the origin.
 #[derive(Clone, Copy, Debug)]

@@ -1,7 +1,10 @@
 //! Tests every shape against finite differences of its own distance.
 
-use super::*;
+use nalgebra::Vector3;
 use proptest::prelude::*;
+
+use super::*;
+use crate::pose_config::PoseConfig;
 
 use super::graph::Graph;
 use super::wave::Wave;

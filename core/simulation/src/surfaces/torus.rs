@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::Shape;
 use super::cylinder::radial;
+use super::shape::Shape;
 
 /// Material within `minor` of the circle of radius `major` around the z axis.
 #[derive(Clone, Copy, Debug)]

@@ -3,9 +3,9 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::Shape;
 use super::graph::{self, Graph};
 use super::ray::{self, Ray};
+use super::shape::Shape;
 
 /// `z = a sin(2 pi y / l + phase) + offset` over a rectangle around the origin, with the material
 /// below it unbounded. Karacan et al., III: a block of 0.26 x 0.51 m with a = 0.02 m, l = 0.38 m,
