@@ -2,34 +2,45 @@
 //!
 //! Read from TOML by the `controller` service and by the scenarios of `evaluate`.
 
+mod approach;
+mod direction;
+mod end;
 pub(crate) mod expected_surface;
+mod force;
 pub mod path;
 pub mod preflight;
 pub mod profile;
 pub mod program;
 pub mod region;
 mod start;
+mod switching;
 mod tolerances;
+mod zero;
 
 use std::str::FromStr;
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::Tip;
 
 use crate::coverage::spec::CoverageSpec;
-use crate::error::{ControlError, check_range};
+use crate::error::ControlError;
 use crate::inputs::MAX_ESTIMATORS;
 use crate::laws::hybrid_admittance::ControllerConfig;
 use crate::learning::LearningSpec;
 use crate::parameters::presets::Presets;
 use crate::phase_machine::Phase;
-use crate::task::path::{FORCE_N, PathSpec, Stay, check_force_profile};
+use crate::task::path::{PathSpec, Stay};
 
+pub use approach::{ApproachSpec, PlaneSpec};
+pub use direction::{Direction, ToolAxis};
+pub use end::{EndSpec, TimeoutSpec};
 pub use expected_surface::ExpectedSurface;
 pub(crate) use expected_surface::normal_of;
+pub use force::ForceSpec;
 pub use start::StartSpec;
+pub use switching::SwitchingSpec;
 pub use tolerances::Tolerances;
+pub use zero::{ZeroAtLimit, ZeroSpec};
 
 /// A task: keys as in `docs/tasks.md`. Unknown keys are errors.
 ///
@@ -167,211 +178,6 @@ impl Task {
     }
 }
 
-/// Pressing force.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ForceSpec {
-    /// Pressing force along the normal, N, positive.
-    pub reference_n: f64,
-    /// Force along the whole path instead: `[way in m, force in N]` each, linear between them,
-    /// constant beyond. Ways above the surface do not count.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub profile: Vec<[f64; 2]>,
-}
-
-impl ForceSpec {
-    /// One pressing force on the whole path, N.
-    pub fn constant(reference_n: f64) -> Self {
-        Self {
-            reference_n,
-            profile: Vec::new(),
-        }
-    }
-}
-
-/// A direction: an axis of the tool where the task starts, or a vector in base axes.
-///
-/// ```
-/// use nalgebra::{UnitQuaternion, Vector3};
-/// use tangent_control::{Direction, ToolAxis};
-/// use tangent_mechanics::{Base, Pose, Tool};
-///
-/// // A tool that points down.
-/// let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-/// let base_from_tool = Pose::<Base, Tool>::new(Vector3::zeros(), down);
-/// let along_tool = Direction::Axis(ToolAxis::ToolZ).in_base(&base_from_tool);
-/// let in_base = Direction::Vector([0.0, 0.0, -2.0]).in_base(&base_from_tool);
-/// assert!((along_tool - in_base).norm() < 1e-12);
-/// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum Direction {
-    /// `tool_x`, `tool_y` or `tool_z`.
-    Axis(ToolAxis),
-    /// Vector in base axes, of any length but zero.
-    Vector([f64; 3]),
-}
-
-/// An axis of the tool.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[allow(missing_docs)]
-pub enum ToolAxis {
-    ToolX,
-    ToolY,
-    ToolZ,
-}
-
-impl Direction {
-    /// Unit vector in base axes.
-    pub fn in_base<A, B>(&self, base_from_tool: &tangent_mechanics::Pose<A, B>) -> Vector3<f64> {
-        match self {
-            Self::Axis(ToolAxis::ToolX) => base_from_tool.rotate(&Vector3::x()),
-            Self::Axis(ToolAxis::ToolY) => base_from_tool.rotate(&Vector3::y()),
-            Self::Axis(ToolAxis::ToolZ) => base_from_tool.rotate(&Vector3::z()),
-            Self::Vector(v) => Vector3::from(*v).normalize(),
-        }
-    }
-
-    fn check(&self, key: &str) -> Result<(), ControlError> {
-        match self {
-            Self::Axis(_) => Ok(()),
-            Self::Vector(v) => {
-                let norm = Vector3::from(*v).norm();
-                if norm.is_finite() && norm > 1e-9 {
-                    return Ok(());
-                }
-                Err(ControlError::range(
-                    key,
-                    format!("{v:?}"),
-                    "`tool_x`, `tool_y`, `tool_z` or a vector that is not zero",
-                ))
-            }
-        }
-    }
-}
-
-/// Approach to the surface.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ApproachSpec {
-    /// Direction towards the surface.
-    pub direction: Direction,
-    /// Speed of the approach, m/s; reduced further if the expected stiffness requires it.
-    pub speed_m_per_s: f64,
-    /// Distance without contact after which the approach gives up, m.
-    pub distance_max_m: f64,
-    /// Stiffest contact expected, N/m: bounds the speed so that the first impact stays small.
-    /// `None`: the preset's value.
-    pub stiffness_expected_n_per_m: Option<f64>,
-}
-
-impl Default for ApproachSpec {
-    fn default() -> Self {
-        Self {
-            direction: Direction::Axis(ToolAxis::ToolZ),
-            speed_m_per_s: 0.005,
-            distance_max_m: 0.08,
-            stiffness_expected_n_per_m: None,
-        }
-    }
-}
-
-/// Orientation of the path's plane. Its z axis is against the approach direction; the path is drawn
-/// in x and y.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct PlaneSpec {
-    /// Direction of the path's x axis, projected into the plane.
-    pub x_axis: Direction,
-}
-
-impl Default for PlaneSpec {
-    fn default() -> Self {
-        Self {
-            x_axis: Direction::Axis(ToolAxis::ToolX),
-        }
-    }
-}
-
-/// End of the task.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct EndSpec {
-    /// Time for which the force is held at the end of the path, s.
-    pub hold_s: f64,
-    /// Distance of the retraction along the normal, m.
-    pub retract_distance_m: f64,
-    /// Speed of the retraction, m/s.
-    pub retract_speed_m_per_s: f64,
-}
-
-impl Default for EndSpec {
-    fn default() -> Self {
-        Self {
-            hold_s: 0.5,
-            retract_distance_m: 0.05,
-            retract_speed_m_per_s: 0.02,
-        }
-    }
-}
-
-/// Timeouts of a task, s.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct TimeoutSpec {
-    /// Timeout of the tare before contact, s.
-    pub tare_s: f64,
-    /// Timeout for the force to settle after touchdown, s.
-    pub contact_s: f64,
-    /// Timeout of the whole task, s; 0: no limit.
-    pub task_s: f64,
-}
-
-impl Default for TimeoutSpec {
-    fn default() -> Self {
-        Self {
-            tare_s: 5.0,
-            contact_s: 10.0,
-            task_s: 0.0,
-        }
-    }
-}
-
-/// Limit on the age of the sensor's zero during a task.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ZeroSpec {
-    /// Maximum error implied by the zero's age and the sensor's stated drift, N; `None`: no limit.
-    pub error_max_n: Option<f64>,
-    /// Reaction when the limit is exceeded.
-    pub at_limit: ZeroAtLimit,
-}
-
-/// Reaction to a zero that is too old.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ZeroAtLimit {
-    /// The task ends with a retraction.
-    #[default]
-    Stop,
-    /// The tool lifts off, the sensor is tared, and the task continues where it was. For
-    /// velocity-controlled arms on a base that stands; others stop.
-    Retare,
-}
-
-/// Rules for switches between estimators.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SwitchingSpec {
-    /// Maximum angle between a candidate's normal and the one in use, rad; `None`: the law's
-    /// `normal.switch_gate_rad`.
-    pub disagreement_max_rad: Option<f64>,
-    /// Time for which the preferred estimator must be usable before it is chosen again after a
-    /// fallback, s; `None`: only on request.
-    pub return_after_good_s: Option<f64>,
-}
-
 fn default_estimators() -> Vec<String> {
     vec!["blend".into(), "reactive".into()]
 }
@@ -424,55 +230,13 @@ impl Task {
         if let Some(name) = &self.controller {
             ControllerConfig::preset(name)?;
         }
-        let switching = &self.switching;
-        if let Some(angle) = switching.disagreement_max_rad {
-            check_range("switching.disagreement_max_rad", angle, 0.01, 3.0)?;
-        }
-        if let Some(time) = switching.return_after_good_s {
-            check_range("switching.return_after_good_s", time, 0.05, 3600.0)?;
-        }
-        if let Some(error_n) = self.zero.error_max_n {
-            check_range("zero.error_max_n", error_n, 0.005, 100.0)?;
-        }
-        let (least_n, most_n) = FORCE_N;
-        check_range("force.reference_n", self.force.reference_n, least_n, most_n)?;
-        if !self.force.profile.is_empty() {
-            check_force_profile("force.profile", &self.force.profile)?;
-        }
-        let approach = &self.approach;
-        approach.direction.check("approach.direction")?;
-        check_range(
-            "approach.speed_m_per_s",
-            approach.speed_m_per_s,
-            0.0005,
-            0.05,
-        )?;
-        check_range(
-            "approach.distance_max_m",
-            approach.distance_max_m,
-            0.001,
-            1.0,
-        )?;
-        if let Some(k) = approach.stiffness_expected_n_per_m {
-            check_range("approach.stiffness_expected_n_per_m", k, 100.0, 200_000.0)?;
-        }
+        self.switching.check()?;
+        self.zero.check()?;
+        self.force.check()?;
+        self.approach.check()?;
         self.plane.x_axis.check("plane.x_axis")?;
-        check_range("end.hold_s", self.end.hold_s, 0.0, 600.0)?;
-        check_range(
-            "end.retract_distance_m",
-            self.end.retract_distance_m,
-            0.005,
-            0.5,
-        )?;
-        check_range(
-            "end.retract_speed_m_per_s",
-            self.end.retract_speed_m_per_s,
-            0.001,
-            0.1,
-        )?;
-        check_range("timeouts.tare_s", self.timeouts.tare_s, 0.1, 120.0)?;
-        check_range("timeouts.contact_s", self.timeouts.contact_s, 0.5, 120.0)?;
-        check_range("timeouts.task_s", self.timeouts.task_s, 0.0, 86_400.0)?;
+        self.end.check()?;
+        self.timeouts.check()?;
         self.tolerances.check()?;
         if let Some(learning) = &self.learning {
             learning.check()?;
@@ -492,6 +256,8 @@ impl Task {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
 
     const LINE: &str = r#"
