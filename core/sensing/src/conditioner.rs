@@ -4,7 +4,7 @@ use nalgebra::{Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use tangent_mechanics::{Base, Pose, Sensor, Tool, Wrench};
 
-use crate::tare::Averaging;
+use crate::tare::averaging::Averaging;
 use crate::{
     LowPass, LowPassState, Payload, SensingError, SensorMotion, Tare, TareConfig, TareGround,
     TareRefusal, Validity,

@@ -3,7 +3,7 @@
 use nalgebra::UnitQuaternion;
 use tangent_mechanics::{Base, Flange, Pose, Sensor, Tool, Wrench};
 
-use crate::tare::Averaging;
+use crate::tare::averaging::Averaging;
 use crate::{StaticPose, TareConfig, TareRefusal};
 
 /// Smallest rotation between two poses that count as different, rad.
