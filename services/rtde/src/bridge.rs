@@ -16,8 +16,9 @@ use crate::guiding::{GuideEnd, Guiding};
 use crate::link::{Link, LinkEvent, OwnWrench};
 use crate::link_error::LinkError;
 use crate::program::{self, CommandCode, GUIDING_VERSION, ProgramState, RegisterMap};
+use crate::reason::Reason;
 use crate::sample::Sample;
-use crate::supervisor::{Reason, Supervisor};
+use crate::supervisor::Supervisor;
 
 /// Value at which sequence numbers wrap.
 const SEQUENCE_MAX: i32 = 1 << 30;

@@ -10,8 +10,8 @@ use tangent_runtime::config::UrReading;
 use crate::codec::*;
 use crate::link::OwnWrench;
 use crate::link_error::LinkError;
+use crate::reason::Reason;
 use crate::scripted_robot::{Program, Robot};
-use crate::supervisor::Reason;
 
 #[test]
 fn from_connection_to_motion_on_both_series() {

@@ -35,10 +35,10 @@ use crate::bridge::{Bridge, BridgeEvent};
 use crate::codec::{Framer, PACKAGE_BYTES_MAX};
 use crate::link_error::LinkError;
 use crate::own_sensor::flange_wrench;
+use crate::reason::Reason;
 use crate::robot_setup::resolve;
 use crate::settings::Config;
 use crate::shared::{Shared, Upload};
-use crate::supervisor::Reason;
 
 /// Lateness of a state, in periods, after which the heartbeat is sent without it.
 const LATE_PERIODS: f64 = 1.5;

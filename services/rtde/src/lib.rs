@@ -37,6 +37,7 @@ mod modes;
 pub mod own_sensor;
 pub mod primary;
 pub mod program;
+pub mod reason;
 mod robot_setup;
 pub mod sample;
 #[cfg(test)]

@@ -5,8 +5,8 @@ use crate::bridge::GuideRefusal;
 use crate::codec::{ControllerVersion, Series};
 use crate::guiding::{GuideEnd, KEEP_ALIVE_S};
 use crate::program::IDENT;
+use crate::reason::Reason;
 use crate::scripted_robot::Robot;
-use crate::supervisor::Reason;
 
 impl Cell {
     fn guided(series: Series) -> Self {
