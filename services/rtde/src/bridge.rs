@@ -18,21 +18,15 @@ use crate::link_error::LinkError;
 use crate::program::{self, CommandCode, GUIDING_VERSION, ProgramState, RegisterMap};
 use crate::reason::Reason;
 use crate::sample::Sample;
+use crate::sequence::Sequence;
+use crate::shutdown::Ending;
 use crate::supervisor::Supervisor;
 
-/// Value at which sequence numbers wrap.
-const SEQUENCE_MAX: i32 = 1 << 30;
-/// Number of sent sequence numbers whose time is stored.
-const REMEMBERED: usize = 256;
 /// Largest number of packages in which a soft stop is repeated.
 const SOFT_STOP_PACKAGES: u32 = 25;
 /// Joint speed below which the arm counts as at rest, rad/s: the measured speed of a real arm is
 /// never exactly zero.
 const AT_REST_RAD_PER_S: f64 = 0.01;
-/// Time allowed at shutdown for the program to end, s.
-const EXIT_S: f64 = 2.0;
-/// Time allowed at shutdown for the ramp to rest, s.
-const REST_S: f64 = 3.0;
 
 /// Configuration of the bridge. It learns everything else from the robot.
 #[derive(Clone, Debug)]
@@ -87,15 +81,6 @@ pub enum GuideRefusal {
     OldProgram(i32),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Ending {
-    No,
-    ToRest { since_s: f64 },
-    Exit { since_s: f64 },
-    Pausing,
-    Finished,
-}
-
 /// The bridge as a state machine, without sockets and clock.
 #[derive(Debug)]
 pub struct Bridge {
@@ -109,10 +94,7 @@ pub struct Bridge {
     has_sample: bool,
     cycle: u64,
     packets_lost: u64,
-    sequence: i32,
-    sent: [(i32, f64); REMEMBERED],
-    latency_s: f64,
-    latency_is_new: bool,
+    sequence: Sequence,
     soft_stop: u32,
     guiding: Guiding,
     streamed: bool,
@@ -140,10 +122,7 @@ impl Bridge {
             has_sample: false,
             cycle: 0,
             packets_lost: 0,
-            sequence: 0,
-            sent: [(0, 0.0); REMEMBERED],
-            latency_s: 0.0,
-            latency_is_new: false,
+            sequence: Sequence::default(),
             soft_stop: 0,
             guiding: Guiding::default(),
             streamed: false,
@@ -263,12 +242,11 @@ impl Bridge {
         let Some(recipe) = self.link.input() else {
             return Ok(());
         };
-        self.sequence = (self.sequence + 1) % SEQUENCE_MAX;
-        self.sent[self.sequence as usize % REMEMBERED] = (self.sequence, now_s);
+        let sequence = self.sequence.next(now_s);
         self.values.clear();
         for word in [
             code as i32,
-            self.sequence,
+            sequence,
             self.supervisor.session(),
             self.supervisor.flags(),
         ] {
@@ -380,12 +358,12 @@ impl Bridge {
     /// Time from sending a sequence number until the robot reports it in use, s; of the newest one
     /// in use.
     pub fn latency_s(&self) -> f64 {
-        self.latency_s
+        self.sequence.latency_s()
     }
 
     /// Whether the latency was measured in this cycle.
     pub fn latency_is_new(&self) -> bool {
-        self.latency_is_new
+        self.sequence.latency_is_new()
     }
 
     /// The gate with its counters.
@@ -458,7 +436,9 @@ impl Bridge {
             lost = ((step_s / self.period_s).round() as u64).saturating_sub(1);
             self.packets_lost = self.packets_lost.saturating_add(lost);
         }
-        self.measure_latency(&sample, now_s);
+        let (used, before) = (sample.sequence_used, self.sample.sequence_used);
+        let is_news = used != before && self.supervisor.is_present();
+        self.sequence.take(used, is_news, now_s);
         self.cycle += 1;
         self.sample = sample;
         self.has_sample = true;
@@ -477,37 +457,15 @@ impl Bridge {
         Ok(())
     }
 
-    fn measure_latency(&mut self, sample: &Sample, now_s: f64) {
-        self.latency_is_new = false;
-        let used = sample.sequence_used;
-        if used <= 0 || used == self.sample.sequence_used || !self.supervisor.is_present() {
-            return;
-        }
-        let (sequence, sent_s) = self.sent[used as usize % REMEMBERED];
-        if sequence == used {
-            self.latency_s = now_s - sent_s;
-            self.latency_is_new = true;
-        }
-    }
-
     fn advance_ending(&mut self, now_s: f64, out: &mut Vec<u8>) -> Result<(), LinkError> {
-        match self.ending {
-            Ending::No | Ending::Pausing | Ending::Finished => {}
-            Ending::ToRest { since_s } => {
-                let rests = *self.gate.qd() == Vector6::zeros();
-                if rests || now_s - since_s > REST_S {
-                    self.ending = Ending::Exit { since_s: now_s };
-                }
-            }
-            Ending::Exit { since_s } => {
-                let gone = !self.supervisor.is_present()
-                    || self.sample.runtime_state != RUNTIME_PLAYING
-                    || self.sample.program_state == i32::from(ProgramState::Exiting.number());
-                if gone || now_s - since_s > EXIT_S {
-                    self.ending = Ending::Pausing;
-                    self.link.pause(now_s, out)?;
-                }
-            }
+        let before = self.ending;
+        let rests = *self.gate.qd() == Vector6::zeros();
+        let gone = !self.supervisor.is_present()
+            || self.sample.runtime_state != RUNTIME_PLAYING
+            || self.sample.program_state == i32::from(ProgramState::Exiting.number());
+        self.ending = before.advance(rests, gone, now_s);
+        if self.ending == Ending::Pausing && before != Ending::Pausing {
+            self.link.pause(now_s, out)?;
         }
         Ok(())
     }

@@ -42,10 +42,12 @@ mod robot_setup;
 pub mod sample;
 #[cfg(test)]
 mod scripted_robot;
+mod sequence;
 #[cfg(test)]
 mod service_tests;
 pub mod settings;
 mod shared;
+mod shutdown;
 pub mod status;
 pub mod supervisor;
 
