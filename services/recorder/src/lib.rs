@@ -34,6 +34,7 @@ mod selection;
 mod service;
 mod stream;
 mod unpacker;
+mod utc_name;
 mod walk;
 mod writer;
 
