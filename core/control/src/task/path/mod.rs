@@ -4,46 +4,30 @@
 //! The controller maps the plane to the surface: see `tracking`.
 
 mod ahead;
-mod chain;
+mod drawing;
 mod force_profile;
-mod lifts;
+mod lift;
 mod places;
+mod pressing;
 pub(crate) mod ranges;
+mod shape;
 mod spec;
+mod stroke_way;
 mod strokes;
+mod turns;
 
 use nalgebra::Vector2;
 
-use crate::error::ControlError;
 use crate::task::profile::Profile;
+use shape::Shape;
 
 pub(crate) use force_profile::{FORCE_N, check_force_profile};
-pub(crate) use lifts::{Lift, Rise, StrokeWay};
+pub(crate) use lift::{Lift, Rise};
 pub use places::PathPlace;
+pub use shape::PathPoint;
 pub use spec::{Circle, Line, PathSpec, Raster, Stay, Waypoints};
+pub(crate) use stroke_way::StrokeWay;
 pub use strokes::{StrokeSpec, Strokes};
-
-#[derive(Clone, Copy, Debug)]
-enum Shape {
-    Straight {
-        from: Vector2<f64>,
-        direction: Vector2<f64>,
-    },
-    Arc {
-        centre: Vector2<f64>,
-        radius: f64,
-        start_rad: f64,
-        sign: f64,
-    },
-    /// The length of its profile is the policy's time, s.
-    Loops {
-        radius: f64,
-        turn_rate: f64,
-        advance: f64,
-    },
-    /// Points of the path from `first`, passed without a stop.
-    Chain { first: usize, count: usize },
-}
 
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
@@ -97,120 +81,16 @@ pub struct Path {
     duration_s: f64,
 }
 
-/// Point of the path at a time, in plane coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathPoint {
-    /// Position, m.
-    pub position: Vector2<f64>,
-    /// Velocity, m/s.
-    pub velocity: Vector2<f64>,
-}
-
 impl Path {
-    /// Gives the path its time law.
-    pub fn new(
-        spec: &PathSpec,
-        acceleration_m_per_s2: f64,
-        jerk_m_per_s3: f64,
-    ) -> Result<Self, ControlError> {
-        spec.check()?;
-        let mut path = Self {
+    /// A path without a stroke.
+    fn empty(rise: Rise) -> Self {
+        Self {
             stretches: Vec::new(),
             points: Vec::new(),
             lifts: Vec::new(),
             profiles: Vec::new(),
-            rise: Rise::default(),
+            rise,
             duration_s: 0.0,
-        };
-        let bounds = (acceleration_m_per_s2, jerk_m_per_s3);
-        match spec {
-            PathSpec::Raster(r) => path.raster(r, bounds),
-            PathSpec::Circle(c) => {
-                // The centripetal acceleration is v²/r, its jerk v³/r².
-                let speed = c
-                    .speed_m_per_s
-                    .min((acceleration_m_per_s2 * c.radius_m).sqrt())
-                    .min((jerk_m_per_s3 * c.radius_m * c.radius_m).cbrt());
-                let length = std::f64::consts::TAU * c.radius_m * c.turns.abs();
-                path.push(
-                    Shape::Arc {
-                        centre: Vector2::new(c.radius_m, 0.0),
-                        radius: c.radius_m,
-                        start_rad: std::f64::consts::PI,
-                        sign: c.turns.signum(),
-                    },
-                    Profile::new(length, speed, bounds.0, bounds.1),
-                );
-            }
-            PathSpec::Line(l) => {
-                let ends = [Vector2::zeros(), Vector2::from(l.to_m)];
-                for i in 0..l.strokes as usize {
-                    if i > 0 {
-                        path.duration_s += l.pause_s;
-                    }
-                    path.straight(ends[i % 2], ends[(i + 1) % 2], l.speed_m_per_s, bounds);
-                }
-            }
-            PathSpec::Waypoints(w) => {
-                let mut from = Vector2::zeros();
-                for point in &w.points_m {
-                    let to = Vector2::from(*point);
-                    path.straight(from, to, w.speed_m_per_s, bounds);
-                    path.duration_s += w.pause_s;
-                    from = to;
-                }
-            }
-            PathSpec::Loops(l) => {
-                // The policy's time accelerates to its rate and decelerates again within the
-                // acceleration limit.
-                let speed = l.speed();
-                path.push(
-                    Shape::Loops {
-                        radius: l.radius_m,
-                        turn_rate: l.turn_rate_rad_per_s,
-                        advance: l.advance_m_per_s,
-                    },
-                    Profile::new(l.duration_s, 1.0, bounds.0 / speed, bounds.1 / speed),
-                );
-            }
-            PathSpec::Stay(s) => path.duration_s = s.duration_s,
-            PathSpec::Strokes(s) => path.strokes(s, bounds),
-            PathSpec::Region(r) => path.region(r, bounds)?,
-        }
-        Ok(path)
-    }
-
-    fn raster(&mut self, r: &Raster, bounds: (f64, f64)) {
-        let mut corners = vec![Vector2::zeros()];
-        for line in 0..r.lines {
-            let y = r.step_m * f64::from(line);
-            let (near, far) = (Vector2::new(0.0, y), Vector2::new(r.length_m, y));
-            let (from, to) = if line % 2 == 0 {
-                (near, far)
-            } else {
-                (far, near)
-            };
-            if line > 0 {
-                corners.push(from);
-            }
-            corners.push(to);
-        }
-        loop {
-            for ends in corners.windows(2) {
-                if r.duration_s > 0.0 && self.duration_s >= r.duration_s {
-                    self.duration_s = r.duration_s;
-                    return;
-                }
-                self.straight(ends[0], ends[1], r.speed_m_per_s, bounds);
-                self.duration_s += r.pause_s;
-            }
-            if self.duration_s >= r.duration_s {
-                break;
-            }
-            corners.reverse();
-        }
-        if r.duration_s > 0.0 {
-            self.duration_s = r.duration_s;
         }
     }
 
@@ -279,57 +159,6 @@ impl Stretch {
     /// Length, m.
     fn length_m(&self) -> f64 {
         self.profile.at(f64::INFINITY).0 * self.shape.metres_per_unit()
-    }
-}
-
-impl Shape {
-    /// Metres of path per unit of the profile's length.
-    fn metres_per_unit(&self) -> f64 {
-        match *self {
-            Self::Straight { .. } | Self::Arc { .. } | Self::Chain { .. } => 1.0,
-            Self::Loops {
-                radius,
-                turn_rate,
-                advance,
-            } => (radius * turn_rate).abs() + advance.abs(),
-        }
-    }
-
-    /// `distance` and `speed` are those of the stretch's profile, `points` those of the path.
-    fn at(&self, points: &[(Vector2<f64>, f64)], distance: f64, speed: f64) -> PathPoint {
-        match *self {
-            Self::Chain { first, count } => {
-                chain::at(&points[first..first + count], distance, speed)
-            }
-            Self::Straight { from, direction } => PathPoint {
-                position: from + direction * distance,
-                velocity: direction * speed,
-            },
-            Self::Arc {
-                centre,
-                radius,
-                start_rad,
-                sign,
-            } => {
-                let (sin, cos) = (start_rad + sign * distance / radius).sin_cos();
-                PathPoint {
-                    position: centre + Vector2::new(cos, sin) * radius,
-                    velocity: Vector2::new(-sin, cos) * (sign * speed),
-                }
-            }
-            Self::Loops {
-                radius,
-                turn_rate,
-                advance,
-            } => {
-                let (sin, cos) = (turn_rate * distance).sin_cos();
-                let along = radius * turn_rate;
-                PathPoint {
-                    position: Vector2::new(radius * sin, radius * (cos - 1.0) - advance * distance),
-                    velocity: Vector2::new(along * cos, -along * sin - advance) * speed,
-                }
-            }
-        }
     }
 }
 

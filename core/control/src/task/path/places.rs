@@ -2,7 +2,8 @@
 
 use nalgebra::Vector2;
 
-use super::{Path, Shape};
+use super::Path;
+use super::shape::Shape;
 
 /// Maximum number of places of one path: a longer path gets a wider spacing.
 const PLACES_MAX: f64 = 20_000.0;
@@ -49,20 +50,6 @@ impl Path {
             }
         }
         places
-    }
-}
-
-impl Shape {
-    /// Upper bound of the path length from the start to `end` on the profile, m.
-    fn way_max_m(&self, end: f64) -> f64 {
-        match self {
-            Self::Straight { .. } | Self::Arc { .. } | Self::Chain { .. } => end,
-            Self::Loops {
-                radius,
-                turn_rate,
-                advance,
-            } => end * (radius * turn_rate.abs() + advance.abs()),
-        }
     }
 }
 

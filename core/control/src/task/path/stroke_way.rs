@@ -6,48 +6,14 @@
 
 use nalgebra::Vector2;
 
-use super::chain::{TURN_MAX_RAD, turn_rad, turn_speed_m_per_s};
-use super::force_profile::{force_at, steepest_n_per_m};
-use super::ranges::{default_lift, default_travel};
-use super::strokes::Strokes;
-use super::{Path, Pressing, Shape, Stretch};
-use crate::error::ControlError;
+use super::lift::{Lift, Rise};
+use super::shape::Shape;
+use super::turns::{TURN_MAX_RAD, turn_rad, turn_speed_m_per_s};
+use super::{Path, Pressing};
 use crate::task::profile::Profile;
-use crate::task::region::Region;
 
 /// Points of a stroke that are nearer than this are one point, m.
 const SAME_M: f64 = 1e-6;
-
-/// A way above the surface, in plane coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Lift {
-    /// Time of the path at which the tool leaves the surface, s.
-    pub start_s: f64,
-    /// Time of the path at which it is back, s.
-    pub end_s: f64,
-    /// Where it leaves, m.
-    pub from: Vector2<f64>,
-    /// Where it lands, m.
-    pub to: Vector2<f64>,
-}
-
-/// How the tool moves above the surface.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Rise {
-    /// Height above the surface, m.
-    pub lift_m: f64,
-    /// Speed, m/s.
-    pub speed_m_per_s: f64,
-}
-
-impl Default for Rise {
-    fn default() -> Self {
-        Self {
-            lift_m: default_lift(),
-            speed_m_per_s: default_travel(),
-        }
-    }
-}
 
 /// A stroke of a path.
 #[derive(Clone, Copy, Debug)]
@@ -71,13 +37,6 @@ impl Path {
         self.lifts.len()
     }
 
-    /// Whether strokes have forces of their own.
-    pub fn has_forces(&self) -> bool {
-        self.stretches
-            .iter()
-            .any(|stretch| stretch.pressing != Pressing::OfTask)
-    }
-
     /// The lift after `done` others.
     pub(crate) fn lift(&self, done: usize) -> Option<&Lift> {
         self.lifts.get(done)
@@ -92,116 +51,6 @@ impl Path {
 
     pub(crate) fn rise(&self) -> Rise {
         self.rise
-    }
-
-    /// Pressing force at `time_s`, N: of its stroke, or of a profile there. `None`: the task's.
-    pub(crate) fn force_n(&self, time_s: f64) -> Option<f64> {
-        let index = (self.stretches).partition_point(|stretch| stretch.start_s <= time_s);
-        let stretch = self.stretches.get(index.checked_sub(1)?)?;
-        match stretch.pressing {
-            Pressing::OfTask => None,
-            Pressing::Constant(force_n) => Some(force_n),
-            Pressing::Profile {
-                first,
-                count,
-                offset_m,
-            } => {
-                let (distance, _) = stretch.profile.at(time_s - stretch.start_s);
-                let way_m = offset_m + distance * stretch.shape.metres_per_unit();
-                force_at(&self.profiles[first..first + count], way_m)
-            }
-        }
-    }
-
-    /// Gives the whole path a force that varies along it. `profile` counts the ways on the surface,
-    /// without those above it.
-    pub(crate) fn press_along(&mut self, profile: &[[f64; 2]]) {
-        let first = self.profiles.len();
-        self.profiles.extend_from_slice(profile);
-        let lifts = &self.lifts;
-        let above = |stretch: &Stretch| {
-            let after = lifts.partition_point(|lift| lift.start_s <= stretch.start_s);
-            let lift = after.checked_sub(1).and_then(|k| lifts.get(k));
-            lift.is_some_and(|lift| stretch.start_s < lift.end_s)
-        };
-        let mut offset_m = 0.0;
-        for stretch in &mut self.stretches {
-            stretch.pressing = Pressing::Profile {
-                first,
-                count: profile.len(),
-                offset_m,
-            };
-            if !above(stretch) {
-                offset_m += stretch.length_m();
-            }
-        }
-    }
-
-    /// Fastest change of a force profile at the speed of the path, N/s.
-    pub(crate) fn force_rate_max_n_per_s(&self) -> f64 {
-        let rate = |stretch: &Stretch| match stretch.pressing {
-            Pressing::OfTask | Pressing::Constant(_) => 0.0,
-            Pressing::Profile { first, count, .. } => {
-                let profile = &self.profiles[first..first + count];
-                let speed = stretch.profile.speed_max() * stretch.shape.metres_per_unit();
-                steepest_n_per_m(profile) * speed
-            }
-        };
-        self.stretches.iter().map(rate).fold(0.0, f64::max)
-    }
-
-    /// Highest pressing force of a stroke, N; `None` if no stroke has its own.
-    pub fn force_max_n(&self) -> Option<f64> {
-        let constant = self.stretches.iter().filter_map(|s| match s.pressing {
-            Pressing::Constant(force_n) => Some(force_n),
-            Pressing::OfTask | Pressing::Profile { .. } => None,
-        });
-        let along = self.profiles.iter().map(|[_, force_n]| *force_n);
-        constant.chain(along).max_by(f64::total_cmp)
-    }
-
-    pub(super) fn strokes(&mut self, spec: &Strokes, bounds: (f64, f64)) {
-        self.rise = Rise {
-            lift_m: spec.lift_m,
-            speed_m_per_s: spec.travel_speed_m_per_s,
-        };
-        let mut from = Vector2::zeros();
-        for stroke in &spec.strokes {
-            let points: Vec<_> = stroke.points_m.iter().map(|p| Vector2::from(*p)).collect();
-            let way = StrokeWay {
-                points: &points,
-                lifts: Strokes::lifts(&from, &points[0]),
-                force_n: stroke.force_n,
-                profile: &stroke.force_profile,
-                speed_m_per_s: stroke.speed_m_per_s.unwrap_or(spec.speed_m_per_s),
-                pause_s: spec.pause_s,
-            };
-            from = self.stroke(from, &way, bounds);
-        }
-    }
-
-    pub(super) fn region(
-        &mut self,
-        region: &Region,
-        bounds: (f64, f64),
-    ) -> Result<(), ControlError> {
-        self.rise = Rise {
-            lift_m: region.lift_m,
-            speed_m_per_s: region.travel_speed_m_per_s,
-        };
-        let mut from = Vector2::zeros();
-        for stroke in region.plan()? {
-            let way = StrokeWay {
-                points: &stroke.points,
-                lifts: stroke.lifts,
-                force_n: None,
-                profile: &[],
-                speed_m_per_s: region.speed_m_per_s,
-                pause_s: region.pause_s,
-            };
-            from = self.stroke(from, &way, bounds);
-        }
-        Ok(())
     }
 
     /// Adds a stroke, and the way to it from `from`. Returns its end.
@@ -259,13 +108,6 @@ impl Path {
         way.points.last().copied().unwrap_or(first)
     }
 
-    /// Sets the force of the stretches from the index `first`.
-    fn press_with(&mut self, first: usize, force_n: Option<f64>) {
-        for stretch in &mut self.stretches[first..] {
-            stretch.pressing = force_n.map_or(Pressing::OfTask, Pressing::Constant);
-        }
-    }
-
     /// Adds lines that are passed without a stop.
     fn chain(&mut self, line: &[Vector2<f64>], speed_m_per_s: f64, bounds: (f64, f64)) {
         if let [from, to] = line {
@@ -296,14 +138,7 @@ impl Path {
 
     /// A path for `strokes` strokes of straight lines, which are added while the task runs.
     pub(crate) fn with_room(strokes: usize, rise: Rise) -> Self {
-        let mut path = Self {
-            stretches: Vec::new(),
-            points: Vec::new(),
-            lifts: Vec::new(),
-            profiles: Vec::new(),
-            rise,
-            duration_s: 0.0,
-        };
+        let mut path = Self::empty(rise);
         path.reserve(strokes);
         path
     }

@@ -1,27 +1,12 @@
-//! A chain of straight lines that is passed at one speed: slight turns of its direction need no
-//! stop.
+//! Turns within a chain of straight lines: slight ones are passed at one speed, without a stop.
 
 use nalgebra::Vector2;
-
-use super::PathPoint;
 
 /// Largest turn of the direction that is passed without a stop, rad.
 pub(super) const TURN_MAX_RAD: f64 = 0.35;
 /// Time within which the arm may accelerate in a turn, s: its speed changes by no more than the
 /// acceleration of the path in this time.
 const TURN_S: f64 = 0.1;
-
-/// Point at `distance` (m) along a chain at `speed` (m/s). `points` hold the way from the first.
-pub(super) fn at(points: &[(Vector2<f64>, f64)], distance: f64, speed: f64) -> PathPoint {
-    let next = points.partition_point(|(_, way_m)| *way_m <= distance);
-    let next = next.clamp(1, points.len() - 1);
-    let ((from, start_m), (to, end_m)) = (points[next - 1], points[next]);
-    let direction = (to - from) / (end_m - start_m);
-    PathPoint {
-        position: from + direction * (distance - start_m),
-        velocity: direction * speed,
-    }
-}
 
 /// Angle by which the direction turns at `b`, rad.
 pub(super) fn turn_rad(a: &Vector2<f64>, b: &Vector2<f64>, c: &Vector2<f64>) -> f64 {
