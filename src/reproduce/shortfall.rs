@@ -23,7 +23,7 @@ pub(super) struct Unfinished {
     /// Phase at the end.
     phase: &'static str,
     /// Fault that ended the task; null if the time was up.
-    fault: Option<&'static str>,
+    fault: Option<String>,
 }
 
 impl Unfinished {
@@ -36,7 +36,7 @@ impl Unfinished {
             scenario: run.scenario.clone(),
             seed: run.seed,
             phase: run.phase,
-            fault: run.fault,
+            fault: run.fault.map(|fault| fault.to_string()),
         })
     }
 }
@@ -120,13 +120,13 @@ pub(super) fn print(unfinished: &[Unfinished], not_reproduced: &[NotReproduced])
         println!("\nRuns that did not end `done`: the command fails");
         let mut groups: BTreeMap<_, Vec<String>> = BTreeMap::new();
         for run in unfinished {
-            let ending = (&run.row, &run.scenario, run.phase, run.fault);
+            let ending = (&run.row, &run.scenario, run.phase, &run.fault);
             groups.entry(ending).or_default().push(run.seed.to_string());
         }
         for ((row, scenario, phase, fault), seeds) in groups {
             let seeds = seeds.join(", ");
             paragraph(2, row);
-            let fault = fault.map_or_else(String::new, |fault| format!(": {fault}"));
+            let fault = fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}"));
             let ending = format!("{scenario}, seed {seeds}: ended in phase {phase}{fault}");
             paragraph(4, &ending);
         }

@@ -46,7 +46,7 @@ pub use learning::{EndedPass, Learner, LearningSpec, Memory, MemoryError};
 pub use leaving::clearance::Clearance;
 pub use leaving::config::LeaveConfig;
 pub use leaving::tare_permission::{ContactSign, ControllerWord};
-pub use limits::faults::Fault;
+pub use limits::faults::{Excess, Fault};
 pub use limits::{Limits, TwistLimiter, clamp_norm};
 pub use parameters::law_config::LawConfig;
 pub use parameters::live::Parameter;

@@ -74,7 +74,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{}", row.worst);
     }
     for run in report.runs.iter().filter(|run| !run.completed) {
-        let end = run.fault.unwrap_or(run.phase);
+        let end = run.fault.as_deref().unwrap_or(run.phase);
         println!(
             "not completed: {} {}: {end}",
             run.surface.name(),

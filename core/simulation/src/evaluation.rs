@@ -1,5 +1,6 @@
 //! Result of a run of any system, as printed by `evaluate --json`.
 
+use arrayvec::ArrayString;
 use serde::Serialize;
 use tangent_control::{CoverageResult, Fault, Phase};
 
@@ -44,7 +45,7 @@ pub struct Evaluation {
     /// Phase at the end.
     pub phase: &'static str,
     /// Fault that ended the task early; null if there was none.
-    pub fault: Option<&'static str>,
+    pub fault: Option<ArrayString<128>>,
     /// Hash of the whole trajectory.
     pub state_digest: String,
 }

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use tangent_control::{ControlError, Law, LawOutput, Phase, Start, StateInterval};
 use tangent_runtime::clock::now_ns;
 use tangent_runtime::{Age, Gauge, HealthReporter, Histogram, Publisher, Rate, Received};
-use tangent_schemas::convert::{cut, joint_array};
+use tangent_schemas::convert::joint_array;
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, CoverageState, ShapingState};
 use tangent_schemas::{Name, Text};
@@ -166,7 +166,7 @@ impl<L: Law<N>, const N: usize> Cycle<L, N> {
             );
         }
         let fault_text = match output.fault {
-            Some(fault) if output.phase != Phase::Idle => cut(fault.text()),
+            Some(fault) if output.phase != Phase::Idle => fault.text(),
             _ => Text::new(),
         };
         let fault_text = self.watch.fault_text(output.fault, fault_text, arm);

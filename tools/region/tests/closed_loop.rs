@@ -125,7 +125,7 @@ fn region<'a>(mesh: &Mesh, pattern: Pattern) -> RegionOptions<'a> {
 
 struct Run {
     end: Phase,
-    fault: Option<&'static str>,
+    fault: Option<tangent_control::Fault>,
     force_max_n: f64,
     lifts: usize,
     /// Places over the plane, slopes there, and impulses, N*s.
@@ -151,7 +151,7 @@ fn run(name: &str, draft: &Draft) -> Run {
             let phase = c.output.phase;
             run.lifts += usize::from(phase == Phase::Lift && run.end != Phase::Lift);
             run.end = phase;
-            run.fault = c.output.fault.map(|fault| fault.text());
+            run.fault = c.output.fault;
             let truth = c.truth;
             let force_n = truth.wrench.force.dot(&truth.normal);
             run.force_max_n = run.force_max_n.max(force_n);

@@ -1,5 +1,33 @@
 //! Faults: why a task ended early, and what to do about it.
 
+use std::fmt::Write;
+
+use arrayvec::ArrayString;
+
+/// A load that exceeds its limit, in thousandths of its unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Excess {
+    load: u32,
+    limit: u32,
+}
+
+impl Excess {
+    /// A load and its limit, N or Nm.
+    pub fn new(load: f64, limit: f64) -> Self {
+        // A cast from a float saturates.
+        let thousandths = |x: f64| (x * 1e3).round() as u32;
+        Self {
+            load: thousandths(load),
+            limit: thousandths(limit),
+        }
+    }
+
+    /// The excess of `load` over `limit`, if it is beyond.
+    pub(crate) fn over(load: f64, limit: f64) -> Option<Self> {
+        (load > limit).then(|| Self::new(load, limit))
+    }
+}
+
 /// Why a task ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
@@ -22,9 +50,9 @@ pub enum Fault {
     /// The arm does not follow the path.
     PathBlocked,
     /// The force exceeds the cell's limit.
-    ForceLimit,
+    ForceLimit(Excess),
     /// The torque exceeds the cell's limit.
-    TorqueLimit,
+    TorqueLimit(Excess),
     /// The tool leaves the cell's workspace.
     Workspace,
     /// The force did not settle in time.
@@ -64,8 +92,28 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// What happened and what to do, as text.
-    pub fn text(self) -> &'static str {
+    /// What happened, with the load where there is a limit of it, and what to do, as text.
+    pub fn text(self) -> ArrayString<128> {
+        let mut text = ArrayString::new();
+        let load = match self {
+            Self::ForceLimit(Excess { load, limit }) => Some((load, limit, "force", "N", "n")),
+            Self::TorqueLimit(Excess { load, limit }) => Some((load, limit, "torque", "Nm", "nm")),
+            _ => None,
+        };
+        // Cannot fail: every text fits, which a test shows.
+        if let Some((load, limit, kind, unit, key)) = load {
+            let [load, limit] = [load, limit].map(|x| f64::from(x) * 1e-3);
+            let _ = write!(
+                text,
+                "{kind} of {load:.1} {unit}, limits.{kind}_max_{key} is {limit:.1}: "
+            );
+        }
+        let _ = text.write_str(self.words());
+        text
+    }
+
+    /// What happened and what to do, without the load.
+    fn words(self) -> &'static str {
         use tangent_sensing::Validity;
         match self {
             Self::Wrench(Validity::Missing) => "no wrench: is netft running?",
@@ -112,8 +160,8 @@ impl Fault {
             Self::ContactUnstable => {
                 "contact lost too often: more damping or a lower approach speed for this stiffness"
             }
-            Self::ForceLimit => "force beyond limits.force_max_n",
-            Self::TorqueLimit => "torque beyond limits.torque_max_nm",
+            Self::ForceLimit(_) => "is something in the way? else move slower or press less",
+            Self::TorqueLimit(_) => "does the tool catch on something? else press less",
             Self::Workspace => "tool at the edge of the workspace (limits.workspace_min_m, _max_m)",
             Self::ForceNotReached => "force did not settle within timeouts.contact_s",
             Self::NoTare => "no tare within timeouts.tare_s: is netft running?",
@@ -163,6 +211,11 @@ mod tests {
     use super::*;
     use tangent_sensing::Validity;
 
+    const LARGEST: Excess = Excess {
+        load: 99_999_999,
+        limit: 10_000_000,
+    };
+
     /// `control/state` cuts a reason off at 128 bytes, and what to do stands at its end.
     #[test]
     fn a_fault_says_what_to_do_within_the_length_of_a_reason() {
@@ -175,8 +228,8 @@ mod tests {
             Fault::SurfaceEnds,
             Fault::ContactUnstable,
             Fault::PathBlocked,
-            Fault::ForceLimit,
-            Fault::TorqueLimit,
+            Fault::ForceLimit(LARGEST),
+            Fault::TorqueLimit(LARGEST),
             Fault::Workspace,
             Fault::ForceNotReached,
             Fault::NoTare,
@@ -197,8 +250,26 @@ mod tests {
             Fault::StartAway,
         ];
         for fault in sensor.map(Fault::Wrench).chain(estimator).chain(others) {
-            let text = fault.text();
-            assert!(text.len() <= 128, "{} bytes: {text}", text.len());
+            let words = fault.words();
+            assert!(words.len() <= 128, "{} bytes: {words}", words.len());
         }
+        for (fault, end) in [
+            (Fault::ForceLimit(LARGEST), "press less"),
+            (Fault::TorqueLimit(LARGEST), "press less"),
+        ] {
+            assert!(fault.text().ends_with(end), "{}", fault.text());
+        }
+    }
+
+    #[test]
+    fn a_load_beyond_its_limit_is_named_with_the_limit() {
+        let excess = Excess::over(47.26, 40.0).unwrap();
+        let text = Fault::ForceLimit(excess).text();
+        assert!(
+            text.starts_with("force of 47.3 N, limits.force_max_n is 40.0: "),
+            "{text}"
+        );
+        assert_eq!(Excess::over(40.0, 40.0), None);
+        assert_eq!(Excess::over(f64::NAN, 40.0), None);
     }
 }

@@ -208,7 +208,7 @@ fn every_fault_fires_within_its_bound() {
         faults_within(1 << field, &BAD, 2, |fault| {
             matches!(
                 fault,
-                Fault::Wrench(_) | Fault::ForceLimit | Fault::TorqueLimit
+                Fault::Wrench(_) | Fault::ForceLimit(_) | Fault::TorqueLimit(_)
             )
         });
     }

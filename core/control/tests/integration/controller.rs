@@ -4,8 +4,8 @@
 use crate::bench::{Bench, TASK};
 use nalgebra::{UnitQuaternion, Vector3};
 use tangent_control::{
-    Clearance, CommandKind, ControlInput, ControllerConfig, Fault, Limits, Parameter, Phase,
-    Program, SwitchCause, SwitchRefusal, Task, UntaredLoad,
+    Clearance, CommandKind, ControlInput, ControllerConfig, Excess, Fault, Limits, Parameter,
+    Phase, Program, SwitchCause, SwitchRefusal, Task, UntaredLoad,
 };
 use tangent_mechanics::Joints;
 use tangent_sensing::Validity;
@@ -220,12 +220,15 @@ fn what_is_not_there_is_not_pushed_for_ever() {
 #[test]
 fn too_much_force_retracts() {
     let mut bench = Bench::sliding(TASK);
-    let output = bench.step(|input| input.wrench.force *= 20.0);
-    assert_eq!(
-        (output.phase, output.fault),
-        (Phase::Retract, Some(Fault::ForceLimit))
-    );
-    assert_eq!(bench.run_until(Phase::Fault).fault, Some(Fault::ForceLimit));
+    let mut force_n = 0.0;
+    let output = bench.step(|input| {
+        input.wrench.force *= 20.0;
+        force_n = input.wrench.force.norm();
+    });
+    // The fault says what was felt, and keeps it while the tool retracts.
+    let fault = Fault::ForceLimit(Excess::new(force_n, Limits::default().force_max_n));
+    assert_eq!((output.phase, output.fault), (Phase::Retract, Some(fault)));
+    assert_eq!(bench.run_until(Phase::Fault).fault, Some(fault));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! What one run of the suite shows.
 
+use arrayvec::ArrayString;
 use serde::Serialize;
 use tangent_control::{Fault, Phase};
 
@@ -26,7 +27,7 @@ pub struct Judgement {
     /// Phase at the end.
     pub phase: &'static str,
     /// Fault that ended the task early.
-    pub fault: Option<&'static str>,
+    pub fault: Option<ArrayString<128>>,
     /// Angle of the tool off the normal at touchdown, as drawn, degrees.
     pub landed_deg: f64,
     /// Mean error of the estimated normal, from 1 s after first contact, degrees.

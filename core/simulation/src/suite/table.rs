@@ -177,7 +177,7 @@ impl SuiteReport {
                 figure(run.tool_mean_deg, 2),
                 run.peak_ratio,
                 run.lost,
-                run.fault.unwrap_or(run.phase)
+                run.fault.as_deref().unwrap_or(run.phase)
             );
         }
         text += "</table>\n</html>\n";

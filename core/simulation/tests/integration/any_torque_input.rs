@@ -508,7 +508,7 @@ fn every_fault_fires<B: Bench>(make: impl Fn() -> B, blind: u32, blind_cycles: u
         faults_within(&make, 1 << field, &BAD, 2, |fault| {
             matches!(
                 fault,
-                Fault::Wrench(_) | Fault::ForceLimit | Fault::TorqueLimit
+                Fault::Wrench(_) | Fault::ForceLimit(_) | Fault::TorqueLimit(_)
             )
         });
     }

@@ -44,7 +44,7 @@ fn covered(spacing_m: f64, more: &str, band: [f64; 2]) -> String {
 
 /// What a run did, by its true state.
 struct Run {
-    fault: Option<&'static str>,
+    fault: Option<tangent_control::Fault>,
     end: Phase,
     phases: Vec<Phase>,
     /// Times of contact outside the phases that press, s.
@@ -99,7 +99,7 @@ fn run(name: &str, scenario: &AdmittanceScenario) -> Run {
             if run.phases.last() != Some(&phase) {
                 run.phases.push(phase);
             }
-            run.fault = c.output.fault.map(|fault| fault.text());
+            run.fault = c.output.fault;
             run.end = phase;
             let (truth, dt) = (c.truth, c.input.dt_s);
             let force_n = truth.wrench.force.dot(&truth.normal);

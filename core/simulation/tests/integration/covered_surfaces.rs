@@ -21,7 +21,7 @@ const TASK: [&str; 5] = [
 
 struct Run {
     end: Phase,
-    fault: Option<&'static str>,
+    fault: Option<tangent_control::Fault>,
     peak_n: f64,
     result: Option<CoverageResult>,
 }
@@ -43,7 +43,7 @@ fn run(kind: SurfaceKind, number: u64) -> Run {
     while cell.plant().time_s() < DURATION_S {
         cell.step(&mut |c| {
             run.end = c.output.phase;
-            run.fault = c.output.fault.map(|fault| fault.text());
+            run.fault = c.output.fault;
             run.peak_n = run.peak_n.max(c.truth.wrench.force.norm());
         });
         if !run.end.is_active() && run.end != Phase::Idle {

@@ -110,7 +110,7 @@ impl Tape {
                 wrench_age_s: output.wrench_age_s,
                 estimate_age_s: output.estimate_age_s,
                 manipulability: output.manipulability,
-                fault: output.fault.map(|f| cut(f.text())).unwrap_or_default(),
+                fault: output.fault.map(|f| f.text()).unwrap_or_default(),
                 ..ControlState::default()
             },
         );

@@ -236,7 +236,7 @@ impl Run {
             return self.enter(phase, percept);
         }
         self.retract = self.way_off();
-        self.gives_way |= fault == Some(Fault::ForceLimit);
+        self.gives_way |= matches!(fault, Some(Fault::ForceLimit(_)));
         self.enter(Phase::Retract, percept);
     }
 

@@ -2,7 +2,7 @@
 
 use super::percept::Percept;
 use crate::limits::Limits;
-use crate::limits::faults::Fault;
+use crate::limits::faults::{Excess, Fault};
 use crate::limits::wrench_guard::WrenchVerdict;
 
 /// The first of these faults that holds in this cycle.
@@ -11,11 +11,11 @@ pub(crate) fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> 
         return Some(Fault::Wrench(reason));
     }
     if let Some(wrench) = &percept.wrench {
-        if wrench.force.norm() > limits.force_max_n {
-            return Some(Fault::ForceLimit);
+        if let Some(excess) = Excess::over(wrench.force.norm(), limits.force_max_n) {
+            return Some(Fault::ForceLimit(excess));
         }
-        if wrench.torque.norm() > limits.torque_max_nm {
-            return Some(Fault::TorqueLimit);
+        if let Some(excess) = Excess::over(wrench.torque.norm(), limits.torque_max_nm) {
+            return Some(Fault::TorqueLimit(excess));
         }
     }
     let hidden = |load| limits.is_untared_beyond(load);

@@ -10,7 +10,7 @@ use super::super::monitor::rho_force;
 use super::{Felt, UnifiedForceImpedance, Wanted};
 use crate::laws::torque_task::TorqueLaw;
 use crate::limits::arm_force::{Moving, TwoForces};
-use crate::limits::faults::Fault;
+use crate::limits::faults::{Excess, Fault};
 use crate::limits::plausibility::is_wrench;
 use crate::limits::touch::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
@@ -193,8 +193,10 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         };
         let beyond = |row: usize, most: f64| {
             let size = felt.wrench.map(|w| w.fixed_rows::<3>(row).norm());
-            size.is_some_and(|size| size > most)
+            size.and_then(|size| Excess::over(size, most))
         };
+        let force = beyond(0, self.limits.force_max_n);
+        let torque = beyond(3, self.limits.torque_max_nm);
         let unread = self.is_unread(felt, now, input.dt_s);
         let sliding = matches!(self.task.phase, Phase::Slide | Phase::Hold);
         let bound_n = self.zero_bound_n();
@@ -206,8 +208,8 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let task_s = self.task.program.task.timeouts.task_s;
         let fault = match felt.verdict {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
-            _ if begun && beyond(0, self.limits.force_max_n) => Some(Fault::ForceLimit),
-            _ if begun && beyond(3, self.limits.torque_max_nm) => Some(Fault::TorqueLimit),
+            _ if begun && force.is_some() => force.map(Fault::ForceLimit),
+            _ if begun && torque.is_some() => torque.map(Fault::TorqueLimit),
             _ if begun && felt.hidden => Some(Fault::UntaredLimit),
             _ if begun && unread => Some(Fault::ForceUnread),
             _ if sliding && self.task.program.task.zero.error_max_n.is_some_and(is_old) => {
