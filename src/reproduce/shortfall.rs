@@ -126,7 +126,9 @@ pub(super) fn print(unfinished: &[Unfinished], not_reproduced: &[NotReproduced])
         for ((row, scenario, phase, fault), seeds) in groups {
             let seeds = seeds.join(", ");
             paragraph(2, row);
-            let fault = fault.as_ref().map_or_else(String::new, |fault| format!(": {fault}"));
+            let fault = fault
+                .as_ref()
+                .map_or_else(String::new, |fault| format!(": {fault}"));
             let ending = format!("{scenario}, seed {seeds}: ended in phase {phase}{fault}");
             paragraph(4, &ending);
         }
