@@ -110,7 +110,21 @@ def open_live(driver, address):
     wait("the page is live", lambda: text(driver, "link") == "live")
 
 
-# Some phases are shorter than the way of a request of the driver.
+# Some phases are shorter than the way of a request of the driver, so the page itself keeps those that
+# it has shown, or clicks STOP in one.
+RECORD_PHASES = """
+    const phase = document.getElementById("phase");
+    window.phases = [phase.textContent];
+    const watch = new MutationObserver(() => window.phases.push(phase.textContent));
+    watch.observe(phase, { childList: true, characterData: true, subtree: true });
+"""
+
+
+def has_shown(driver, word):
+    """Whether the page has shown a phase with this word since `RECORD_PHASES`."""
+    return any(word in phase for phase in driver.execute_script("return window.phases"))
+
+
 CLICK_STOP_IN = """
     const [phase, word] = [document.getElementById("phase"), arguments[0]];
     const watch = new MutationObserver(() => {

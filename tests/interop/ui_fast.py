@@ -9,7 +9,8 @@ import json
 import re
 import sys
 
-from ui_driver import CLICK_STOP_IN, browser, close_all, ended, open_live, picture, severe, start, text, wait
+from ui_driver import CLICK_STOP_IN, RECORD_PHASES, browser, close_all, ended, has_shown, open_live, picture
+from ui_driver import severe, start, text, wait
 
 ADDRESS = sys.argv[1]
 found = {}
@@ -25,9 +26,10 @@ def figures(name, pattern):
 desk = browser("desk")
 try:
     open_live(desk, ADDRESS)
+    desk.execute_script(RECORD_PHASES)
     desk.execute_script(CLICK_STOP_IN, "seeking")
     start(desk)
-    wait("it slides", lambda: "Sliding" in text(desk, "phase"))
+    wait("it slides", lambda: has_shown(desk, "Sliding"))
     found["robot"] = figures("Robot", r"(\d+) states a second, the newest is (\d+) ms old")
     found["controller"] = figures("Controller", r"(\d+) cycles a second, (\d+) missed in all, its state is (\d+) ms old")
     picture(desk, "fast")
