@@ -1,8 +1,8 @@
 //! Result of a run of any system, as printed by `evaluate --json`.
 
-use arrayvec::ArrayString;
 use serde::Serialize;
 use tangent_control::{CoverageResult, Fault, Phase};
+use tangent_schemas::Text;
 
 use crate::metrics::object::ObjectFigures;
 use crate::metrics::visuo_tactile::VisuoTactileFigures;
@@ -45,7 +45,7 @@ pub struct Evaluation {
     /// Phase at the end.
     pub phase: &'static str,
     /// Fault that ended the task early; null if there was none.
-    pub fault: Option<ArrayString<128>>,
+    pub fault: Option<Text>,
     /// Hash of the whole trajectory.
     pub state_digest: String,
 }

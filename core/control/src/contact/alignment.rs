@@ -54,6 +54,12 @@ pub fn tangential(v: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
     v - normal * v.dot(normal)
 }
 
+/// How far `step` goes into a surface with this unit `normal`, and how far across that normal; both in
+/// the unit of `step`.
+pub(crate) fn depth_and_across(step: &Vector3<f64>, normal: &Vector3<f64>) -> (f64, f64) {
+    (-step.dot(normal), tangential(step, normal).norm())
+}
+
 /// The x and y axes of the path's plane, unit vectors: x is `x_axis` projected into the plane, y =
 /// normal × x.
 pub fn plane_axes(

@@ -10,6 +10,8 @@
 
 use nalgebra::Vector3;
 
+use crate::contact::alignment::depth_and_across;
+
 /// Time constant of the means, s; shares of the reference that the pressing force has reached
 /// and below which it has fallen.
 const MEAN_S: f64 = 0.04;
@@ -74,8 +76,7 @@ impl FallingAway {
             self.in_m = 0.0;
         } else if self.reached {
             let way = self.velocity * felt.dt_s;
-            let deeper_m = -way.dot(&felt.normal);
-            let across_m = (way + felt.normal * deeper_m).norm();
+            let (deeper_m, across_m) = depth_and_across(&way, &felt.normal);
             self.in_m = (self.in_m + deeper_m - WRONG_NORMAL * across_m).max(0.0);
             self.ended |= self.in_m > IN_M + felt.reference_n / SOFTEST_N_PER_M;
         }

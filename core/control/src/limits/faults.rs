@@ -1,35 +1,30 @@
 //! Faults: why a task ended early, and what to do about it.
 
-use std::fmt::Write;
+use tangent_schemas::Text;
+use tangent_schemas::convert::{cut, cut_format};
 
-use arrayvec::ArrayString;
-
-/// A load that exceeds its limit, in thousandths of its unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A load that exceeds its limit, N or Nm.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Excess {
-    load: u32,
-    limit: u32,
+    load: f64,
+    limit: f64,
 }
 
 impl Excess {
-    /// A load and its limit, N or Nm.
+    /// A load and its limit, to a thousandth.
     pub fn new(load: f64, limit: f64) -> Self {
-        // A cast from a float saturates.
-        let thousandths = |x: f64| (x * 1e3).round() as u32;
-        Self {
-            load: thousandths(load),
-            limit: thousandths(limit),
-        }
+        let [load, limit] = [load, limit].map(|x| (x * 1e3).round() * 1e-3);
+        Self { load, limit }
     }
 
     /// The excess of `load` over `limit`, if it is beyond.
-    pub(crate) fn over(load: f64, limit: f64) -> Option<Self> {
+    pub(super) fn over(load: f64, limit: f64) -> Option<Self> {
         (load > limit).then(|| Self::new(load, limit))
     }
 }
 
 /// Why a task ended early.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
     /// The wrench is missing, old, not finite, saturated or the sensor reports an error.
     Wrench(tangent_sensing::Validity),
@@ -93,23 +88,17 @@ pub enum Fault {
 
 impl Fault {
     /// What happened, with the load where there is a limit of it, and what to do, as text.
-    pub fn text(self) -> ArrayString<128> {
-        let mut text = ArrayString::new();
-        let load = match self {
-            Self::ForceLimit(Excess { load, limit }) => Some((load, limit, "force", "N", "n")),
-            Self::TorqueLimit(Excess { load, limit }) => Some((load, limit, "torque", "Nm", "nm")),
-            _ => None,
-        };
-        // Cannot fail: every text fits, which a test shows.
-        if let Some((load, limit, kind, unit, key)) = load {
-            let [load, limit] = [load, limit].map(|x| f64::from(x) * 1e-3);
-            let _ = write!(
-                text,
-                "{kind} of {load:.1} {unit}, limits.{kind}_max_{key} is {limit:.1}: "
-            );
+    pub fn text(self) -> Text {
+        let words = self.words();
+        match self {
+            Self::ForceLimit(Excess { load, limit }) => cut_format(format_args!(
+                "force of {load:.1} N, limits.force_max_n is {limit:.1}: {words}"
+            )),
+            Self::TorqueLimit(Excess { load, limit }) => cut_format(format_args!(
+                "torque of {load:.1} Nm, limits.torque_max_nm is {limit:.1}: {words}"
+            )),
+            _ => cut(words),
         }
-        let _ = text.write_str(self.words());
-        text
     }
 
     /// What happened and what to do, without the load.
@@ -212,8 +201,8 @@ mod tests {
     use tangent_sensing::Validity;
 
     const LARGEST: Excess = Excess {
-        load: 99_999_999,
-        limit: 10_000_000,
+        load: 99_999.999,
+        limit: 10_000.0,
     };
 
     /// `control/state` cuts a reason off at 128 bytes, and what to do stands at its end.
@@ -250,14 +239,8 @@ mod tests {
             Fault::StartAway,
         ];
         for fault in sensor.map(Fault::Wrench).chain(estimator).chain(others) {
-            let words = fault.words();
-            assert!(words.len() <= 128, "{} bytes: {words}", words.len());
-        }
-        for (fault, end) in [
-            (Fault::ForceLimit(LARGEST), "press less"),
-            (Fault::TorqueLimit(LARGEST), "press less"),
-        ] {
-            assert!(fault.text().ends_with(end), "{}", fault.text());
+            let (text, words) = (fault.text(), fault.words());
+            assert!(text.ends_with(words), "{text}: cut off of {words}");
         }
     }
 

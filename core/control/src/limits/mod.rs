@@ -22,6 +22,7 @@ use tangent_mechanics::{Aligned, Base, DampedLeastSquares, Tool, Twist};
 
 use crate::error::{ControlError, check_range};
 use crate::inputs::UntaredLoad;
+use crate::limits::faults::{Excess, Fault};
 
 /// Limits of the cell. The bridge enforces its own, wider limits as well.
 ///
@@ -167,6 +168,13 @@ impl Limits {
     pub fn untared_max_n(&self) -> f64 {
         self.untared_force_max_n
             .unwrap_or(self.force_max_n + DRIFT_N)
+    }
+
+    /// The fault of a force (N) or a torque (Nm) beyond its limit.
+    pub(crate) fn overload(&self, force_n: f64, torque_nm: f64) -> Option<Fault> {
+        let force = Excess::over(force_n, self.force_max_n).map(Fault::ForceLimit);
+        let torque = || Excess::over(torque_nm, self.torque_max_nm).map(Fault::TorqueLimit);
+        force.or_else(torque)
     }
 
     /// Whether the untared reading is beyond its limit.

@@ -12,6 +12,7 @@
 use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
+use crate::contact::alignment::depth_and_across;
 use crate::limits::answer::{Answer, Pressed};
 use crate::limits::direction::{Aimed, Direction};
 use crate::limits::falling_away::{FallingAway, Felt};
@@ -168,10 +169,10 @@ impl ResponseGuard {
         let Some(rule) = touch.depth else {
             return false;
         };
-        let deeper_m = -step.dot(&touch.normal);
+        let (deeper_m, across_m) = depth_and_across(step, &touch.normal);
         let pressed = Pressed {
             deeper_m,
-            across_m: (step + touch.normal * deeper_m).norm(),
+            across_m,
             edge_m: rule.edge_speed_m_per_s * touch.dt_s,
             force_n: touch.force_n,
             reference_n: touch.reference_n,

@@ -4,6 +4,7 @@
 
 use nalgebra::{Vector3, Vector6};
 
+use crate::contact::alignment::depth_and_across;
 use crate::limits::touch::Touch;
 
 /// Lower bound assumed for the stiffness, N/m: high, so that a short distance is enough. A dead
@@ -56,9 +57,9 @@ impl Standstill {
 
     /// Processes one cycle of a tool that presses, and that has moved by `step` (m).
     pub fn judge(&mut self, touch: &Touch, step: &Vector3<f64>) -> Judgement {
-        let deeper = -step.dot(&touch.normal);
-        self.depth_m += deeper;
-        self.across_m += (step + touch.normal * deeper).norm();
+        let (deeper_m, across_m) = depth_and_across(step, &touch.normal);
+        self.depth_m += deeper_m;
+        self.across_m += across_m;
         self.edge_m += touch
             .depth
             .map_or(0.0, |rule| rule.edge_speed_m_per_s * touch.dt_s);

@@ -1,8 +1,8 @@
 //! What one run of the suite shows.
 
-use arrayvec::ArrayString;
 use serde::Serialize;
 use tangent_control::{Fault, Phase};
+use tangent_schemas::Text;
 
 use super::draw::Draw;
 use super::surface_kind::SurfaceKind;
@@ -27,7 +27,7 @@ pub struct Judgement {
     /// Phase at the end.
     pub phase: &'static str,
     /// Fault that ended the task early.
-    pub fault: Option<ArrayString<128>>,
+    pub fault: Option<Text>,
     /// Angle of the tool off the normal at touchdown, as drawn, degrees.
     pub landed_deg: f64,
     /// Mean error of the estimated normal, from 1 s after first contact, degrees.

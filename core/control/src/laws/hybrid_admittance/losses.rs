@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::contact::alignment::angle_between;
+use crate::contact::alignment::{angle_between, depth_and_across};
 use crate::phase_machine::Phase;
 
 /// Distance within which losses are at one place, m.
@@ -159,7 +159,7 @@ impl Losses {
             self.is_near(position) && angle_between(&first, normal) > TURNS_AWAY_RAD
         });
         let below = self.last.is_some_and(|(last, first)| {
-            let (deeper_m, aside_m) = from_loss(&last, &first, position);
+            let (deeper_m, aside_m) = depth_and_across(&(position - last), &first);
             deeper_m.hypot(aside_m) < BELOW_M
                 && deeper_m > STEEP * aside_m
                 && angle_between(&first, normal) > UPRIGHT_RAD
@@ -179,7 +179,7 @@ impl Losses {
     /// slid on since: beside a surface that ends there.
     pub fn is_beside(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
         self.last.is_some_and(|(last, _)| {
-            let (deeper_m, aside_m) = from_loss(&last, normal, position);
+            let (deeper_m, aside_m) = depth_and_across(&(position - last), normal);
             aside_m < PLACE_M && deeper_m > DEEPER_M
         })
     }
@@ -197,13 +197,6 @@ impl Losses {
         self.place
             .is_some_and(|(place, _)| (position - place).norm() < PLACE_M)
     }
-}
-
-/// How far `position` is in and aside of a loss at `last` on a surface with this `normal`, m.
-fn from_loss(last: &Vector3<f64>, normal: &Vector3<f64>, position: &Vector3<f64>) -> (f64, f64) {
-    let off = position - last;
-    let deeper_m = -off.dot(normal);
-    (deeper_m, (off + normal * deeper_m).norm())
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::percept::Percept;
 use crate::limits::Limits;
-use crate::limits::faults::{Excess, Fault};
+use crate::limits::faults::Fault;
 use crate::limits::wrench_guard::WrenchVerdict;
 
 /// The first of these faults that holds in this cycle.
@@ -10,13 +10,10 @@ pub(crate) fn urgent_fault(limits: &Limits, percept: &Percept) -> Option<Fault> 
     if let WrenchVerdict::Retract(reason) = percept.verdict {
         return Some(Fault::Wrench(reason));
     }
-    if let Some(wrench) = &percept.wrench {
-        if let Some(excess) = Excess::over(wrench.force.norm(), limits.force_max_n) {
-            return Some(Fault::ForceLimit(excess));
-        }
-        if let Some(excess) = Excess::over(wrench.torque.norm(), limits.torque_max_nm) {
-            return Some(Fault::TorqueLimit(excess));
-        }
+    let overload = (percept.wrench.as_ref())
+        .and_then(|wrench| limits.overload(wrench.force.norm(), wrench.torque.norm()));
+    if overload.is_some() {
+        return overload;
     }
     let hidden = |load| limits.is_untared_beyond(load);
     if percept.untared.as_ref().is_some_and(hidden) {

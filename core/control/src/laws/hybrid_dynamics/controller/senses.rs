@@ -11,7 +11,7 @@ use super::super::law::{ArmNow, Constraint};
 use super::{Felt, HybridDynamics};
 use crate::laws::torque_task::TorqueLaw;
 use crate::limits::arm_force::{Moving, TwoForces};
-use crate::limits::faults::{Excess, Fault};
+use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_place;
 use crate::limits::touch::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
@@ -144,10 +144,7 @@ impl<const N: usize> HybridDynamics<N> {
         let (low, high) = (&self.limits.workspace_min_m, &self.limits.workspace_max_m);
         let outside = (0..3).any(|i| at[i] < low[i] || at[i] > high[i]);
         let begun = !matches!(self.task.phase, Phase::Tare | Phase::Clear);
-        let beyond =
-            |size: fn(&Felt) -> f64, most: f64| felt.and_then(|f| Excess::over(size(f), most));
-        let force = beyond(|f| f.force.norm(), self.limits.force_max_n);
-        let torque = beyond(|f| f.moment.norm(), self.limits.torque_max_nm);
+        let overload = felt.and_then(|f| self.limits.overload(f.force.norm(), f.moment.norm()));
         let hidden = |load| self.limits.is_untared_beyond(load);
         let untared = felt.and(input.untared.as_ref());
         let zero_lost = self.task.program.task.tare && felt.is_some() && input.bias_age_s.is_none();
@@ -156,8 +153,7 @@ impl<const N: usize> HybridDynamics<N> {
         let task_s = self.task.program.task.timeouts.task_s;
         let fault = match verdict {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
-            _ if begun && force.is_some() => force.map(Fault::ForceLimit),
-            _ if begun && torque.is_some() => torque.map(Fault::TorqueLimit),
+            _ if begun && overload.is_some() => overload,
             _ if begun && untared.is_some_and(hidden) => Some(Fault::UntaredLimit),
             _ if begun && unread => Some(Fault::ForceUnread),
             _ if begun && zero_lost => Some(Fault::ZeroLost),

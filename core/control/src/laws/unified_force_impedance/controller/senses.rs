@@ -10,7 +10,7 @@ use super::super::monitor::rho_force;
 use super::{Felt, UnifiedForceImpedance, Wanted};
 use crate::laws::torque_task::TorqueLaw;
 use crate::limits::arm_force::{Moving, TwoForces};
-use crate::limits::faults::{Excess, Fault};
+use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_wrench;
 use crate::limits::touch::{Doing, Touch};
 use crate::limits::wrench_guard::WrenchVerdict;
@@ -191,12 +191,10 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         } else {
             0.0
         };
-        let beyond = |row: usize, most: f64| {
-            let size = felt.wrench.map(|w| w.fixed_rows::<3>(row).norm());
-            size.and_then(|size| Excess::over(size, most))
-        };
-        let force = beyond(0, self.limits.force_max_n);
-        let torque = beyond(3, self.limits.torque_max_nm);
+        let overload = felt.wrench.and_then(|wrench| {
+            let [force_n, torque_nm] = [0, 3].map(|row| wrench.fixed_rows::<3>(row).norm());
+            self.limits.overload(force_n, torque_nm)
+        });
         let unread = self.is_unread(felt, now, input.dt_s);
         let sliding = matches!(self.task.phase, Phase::Slide | Phase::Hold);
         let bound_n = self.zero_bound_n();
@@ -208,8 +206,7 @@ impl<const N: usize> UnifiedForceImpedance<N> {
         let task_s = self.task.program.task.timeouts.task_s;
         let fault = match felt.verdict {
             WrenchVerdict::Retract(validity) if begun => Some(Fault::Wrench(validity)),
-            _ if begun && force.is_some() => force.map(Fault::ForceLimit),
-            _ if begun && torque.is_some() => torque.map(Fault::TorqueLimit),
+            _ if begun && overload.is_some() => overload,
             _ if begun && felt.hidden => Some(Fault::UntaredLimit),
             _ if begun && unread => Some(Fault::ForceUnread),
             _ if sliding && self.task.program.task.zero.error_max_n.is_some_and(is_old) => {
