@@ -54,8 +54,8 @@ pub fn tangential(v: &Vector3<f64>, normal: &Vector3<f64>) -> Vector3<f64> {
     v - normal * v.dot(normal)
 }
 
-/// How far `step` goes into a surface with this unit `normal`, and how far across that normal; both in
-/// the unit of `step`.
+/// How far `step` goes into a surface with this unit `normal`, and how far across that normal.
+/// Both are in the unit of `step`.
 pub(crate) fn depth_and_across(step: &Vector3<f64>, normal: &Vector3<f64>) -> (f64, f64) {
     (-step.dot(normal), tangential(step, normal).norm())
 }
