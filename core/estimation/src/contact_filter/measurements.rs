@@ -34,19 +34,8 @@ impl ContactFilter {
     /// The height of the contact over the surface is what the compliance gives under the force.
     pub(super) fn measure_height(&self, state: &mut ContactFilterState, motion: &Motion) {
         let distance = state.slide.speed_m_per_s * motion.dt_s;
-        let normal = motion.rotation.tr_mul(&state.normal_at_centre());
-        let force = state.force_in_tool(motion);
-        let given = given(&normal, &force);
-        let mut row = Row::zeros();
-        row[HEIGHT] = 1.0;
-        row.fixed_rows_mut::<2>(GIVE).copy_from(&given);
-        // A wrong normal takes the motion of a bent tool for a slope.
+        let (row, innovation) = state.height_row(motion);
         let give = state.surface.give_m_per_n;
-        let bent = motion.rotation * force.component_mul(&give.yyx());
-        let by_normal = state.surface.frame.project(&bent);
-        row[NORMAL] += by_normal.x;
-        row[NORMAL + 1] += by_normal.y;
-        let innovation = -state.surface.height_m - given.dot(&give);
         state.noise.learn_height(innovation, distance);
         let variance = state.noise.height_variance_of_sample(distance)
             + give.x * give.x * state.noise.force_variance_of_sample(motion.dt_s);
@@ -56,6 +45,18 @@ impl ContactFilter {
         if jump.abs() > most {
             state.surface.covariance[(HEIGHT, HEIGHT)] += innovation * innovation;
         }
+        let friction_max = self.config.surface.friction_max;
+        state
+            .surface
+            .correct(HEIGHT_HUBER_SD, &row, innovation, variance, friction_max);
+    }
+
+    /// The height of a tool that touches a remembered surface elsewhere, and stands there.
+    pub(super) fn measure_height_of_touch(&self, state: &mut ContactFilterState, motion: &Motion) {
+        let (row, innovation) = state.height_row(motion);
+        let give = state.surface.give_m_per_n;
+        let force_n = self.config.sensing.force_noise_n;
+        let variance = state.noise.height_variance() + (give.x * force_n).powi(2);
         let friction_max = self.config.surface.friction_max;
         state
             .surface
@@ -160,6 +161,23 @@ impl ContactFilterState {
         let SurfaceState { frame, shape, .. } = &self.surface;
         let offset = shape * frame.project(&self.centre.position);
         frame.turned(&offset).normal
+    }
+
+    /// Derivative of the height's measurement by the states, and its innovation, m.
+    fn height_row(&self, motion: &Motion) -> (Row, f64) {
+        let normal = motion.rotation.tr_mul(&self.normal_at_centre());
+        let force = self.force_in_tool(motion);
+        let given = given(&normal, &force);
+        let mut row = Row::zeros();
+        row[HEIGHT] = 1.0;
+        row.fixed_rows_mut::<2>(GIVE).copy_from(&given);
+        // A wrong normal takes the motion of a bent tool for a slope.
+        let give = self.surface.give_m_per_n;
+        let bent = motion.rotation * force.component_mul(&give.yyx());
+        let by_normal = self.surface.frame.project(&bent);
+        row[NORMAL] += by_normal.x;
+        row[NORMAL + 1] += by_normal.y;
+        (row, -self.surface.height_m - given.dot(&give))
     }
 
     /// Derivative of `normal_at_centre · v` by the shape operator.

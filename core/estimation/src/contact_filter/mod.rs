@@ -30,7 +30,7 @@ use tangent_mechanics::{Direction, Point};
 use tangent_sensing::Validity;
 
 use self::slide::Slide;
-use self::state::{BIAS, FRICTION, HEIGHT, NORMAL, Row, SHAPE, TIP, WEIGHT};
+use self::state::{BIAS, FRICTION, HEIGHT, HeightMemory, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use self::tip::POSITION_SD_M;
 use self::unrest::CurvatureNews;
@@ -54,6 +54,9 @@ const TURN_RAD: f64 = 0.1;
 const LOST_SLOPE_RAD: (f64, f64) = (0.12, 0.04);
 /// Uncertainty of the direction of friction above which the force along the surface is not used.
 const DIRECTION_SD_MAX_RAD: f64 = 0.5;
+/// Distance along the surface from a lost contact to a touch, m, from which that touch shows the
+/// slope: the heights of nearer places are alike.
+const BESIDE_M: f64 = 0.001;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 
@@ -129,8 +132,9 @@ impl ContactFilter {
         if speed > contact.sliding_speed_min_m_per_s {
             state.slide.go_on(&tangential, motion.dt_s);
             state.phase = ContactPhase::Sliding;
-            if !state.has_slid {
+            if state.memory != HeightMemory::Followed {
                 state.begin_heights(motion);
+                state.memory = HeightMemory::Followed;
             }
             state.has_slid = true;
             let along = state.surface.frame.project(&tangential);
@@ -153,10 +157,18 @@ impl ContactFilter {
             state.slide.distance_m = 0.0;
             state.slide.rest = Some((motion.point_lagged, state.force(motion)));
             state.phase = ContactPhase::Pressing;
-            if !state.has_slid {
+            state.touch.pressed_s += motion.dt_s;
+            let has_settled = state.touch.pressed_s > SETTLING_S;
+            if state.memory != HeightMemory::Followed {
                 self.measure_pressing_force(state, motion);
                 state.learn_compliance(motion, pressing_n);
                 self.measure_flush(state, motion, pressing_n);
+                if has_settled {
+                    state.begin_heights(motion);
+                    state.memory = HeightMemory::Here;
+                }
+            } else if has_settled && std::mem::take(&mut state.touch.is_beside) {
+                self.measure_height_of_touch(state, motion);
             }
         }
     }
@@ -166,13 +178,15 @@ impl ContactFilter {
         if state.phase != ContactPhase::Free {
             state.phase = ContactPhase::Free;
             state.free_distance_m = 0.0;
+            state.free_way_m = Vector3::zeros();
             state.free_time_s = 0.0;
             self.widen_after_loss(state);
         }
-        if self.is_remembered(state) {
+        if self.is_near(state) {
             self.travel(state, motion);
         }
         state.free_distance_m += motion.step.norm();
+        state.free_way_m += motion.step;
         state.free_time_s += motion.dt_s;
         state.slide = Slide {
             turn_rate_rad_per_s: state.slide.turn_rate_rad_per_s,
@@ -196,9 +210,10 @@ impl ContactFilter {
         }
     }
 
-    /// Whether the surface that was slid on is still near.
-    fn is_remembered(&self, state: &ContactFilterState) -> bool {
-        state.has_slid && state.free_distance_m <= self.config.contact.memory_distance_m
+    /// Whether the surface that was touched is still near.
+    fn is_near(&self, state: &ContactFilterState) -> bool {
+        state.memory != HeightMemory::None
+            && state.free_distance_m <= self.config.contact.memory_distance_m
     }
 
     /// A contact lost while sliding says that the slope was not as expected. How large it is shows
@@ -220,13 +235,19 @@ impl ContactFilter {
     }
 
     fn touch_down(&self, state: &mut ContactFilterState, motion: &Motion, pressing_n: f64) {
-        let remembered = self.is_remembered(state);
+        let is_near = self.is_near(state);
         state.begin_contact(motion, pressing_n);
-        if remembered {
+        let normal = state.surface.frame.normal;
+        let beside_m = (state.free_way_m - normal * normal.dot(&state.free_way_m)).norm();
+        let is_beside = beside_m > BESIDE_M;
+        if is_near && (is_beside || state.memory == HeightMemory::Followed) {
+            state.touch.is_beside = is_beside;
+            state.memory = HeightMemory::Followed;
             return;
         }
         state.has_touched = true;
         state.has_slid = false;
+        state.memory = HeightMemory::None;
         state.surface.forget_normal(&self.config, motion);
     }
 

@@ -53,8 +53,11 @@ pub(crate) struct ContactFilterState {
     pub(super) has_touched: bool,
     /// Whether the tool has slid on the present surface.
     pub(super) has_slid: bool,
+    pub(super) memory: HeightMemory,
     /// Distance travelled since the last contact, m.
     pub(super) free_distance_m: f64,
+    /// Displacement since the last contact, world axes, m.
+    pub(super) free_way_m: Vector3<f64>,
     /// Time since the last contact, s.
     pub(super) free_time_s: f64,
     pub(super) touch: Touchdown,
@@ -65,6 +68,17 @@ pub(crate) struct ContactFilterState {
     pub(super) noise: LearntNoise,
     pub(super) unrest: Unrest,
     pub(super) compliance: Compliance,
+}
+
+/// What is known of the height over the present surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum HeightMemory {
+    /// Nothing.
+    None,
+    /// That of the place where the tool first pressed.
+    Here,
+    /// The tool has slid from there, or touched beside it: its height is followed.
+    Followed,
 }
 
 /// Mean and covariance of the Kalman filter.
@@ -114,6 +128,11 @@ pub(super) struct Touchdown {
     pub held_n: f64,
     /// Information that the force has given since then while pressing, relative to a full load.
     pub pressing_information: f64,
+    /// Time for which the tool presses and stands, s.
+    pub pressed_s: f64,
+    /// Whether the tool touches beside the place where it lost contact, and the height there is
+    /// still to be measured.
+    pub is_beside: bool,
     /// Information of the best tilt measurement from the pad's torque since then, 1/rad².
     pub flush_information: f64,
 }
@@ -159,13 +178,17 @@ impl ContactFilterState {
             phase: ContactPhase::Free,
             has_touched: false,
             has_slid: false,
+            memory: HeightMemory::None,
             free_distance_m: 0.0,
+            free_way_m: Vector3::zeros(),
             free_time_s: 0.0,
             touch: Touchdown {
                 point: Vector3::zeros(),
                 force_n: 0.0,
                 held_n: 0.0,
                 pressing_information: 0.0,
+                pressed_s: 0.0,
+                is_beside: false,
                 flush_information: 0.0,
             },
             slide: Slide::default(),
@@ -221,6 +244,8 @@ impl ContactFilterState {
             force_n: pressing_n,
             held_n: -motion.force_in_tool.z,
             pressing_information: 0.0,
+            pressed_s: 0.0,
+            is_beside: false,
             flush_information: 0.0,
         };
     }

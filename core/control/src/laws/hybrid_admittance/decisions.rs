@@ -8,6 +8,7 @@ use super::config::ControllerConfig;
 use super::interface::ControlInput;
 use super::ledge::Way;
 use super::losses::{Felt, Touch};
+use super::pace::Exploration;
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
 use super::side_load::SideLoad;
@@ -137,6 +138,13 @@ impl Run {
                 }
                 self.tracking.freeze();
                 self.seeks_lost = true;
+                let aside = self.tracking.aside();
+                if self
+                    .hops
+                    .offer(config.pace.hop_m, here, &percept.position, &aside)
+                {
+                    return self.hop(percept);
+                }
                 return self.enter(Phase::Seek, percept);
             }
         }
@@ -192,8 +200,12 @@ impl Run {
                 } else {
                     self.settled_s = 0.0;
                 }
-                if self.settled_s > config.contact.settled_s {
-                    if !self.paused {
+                if self.settled_s > config.contact.settled_s.max(self.hops.settled_s()) {
+                    if self.paused {
+                        // Stands.
+                    } else if self.hops.next() {
+                        self.hop(percept);
+                    } else {
                         self.enter(Phase::Slide, percept);
                     }
                 } else if waited_s > task.timeouts.contact_s {
@@ -253,7 +265,10 @@ impl Run {
                     limits.blind_distance_max_m
                 };
                 let patience = 1.0 + 3.0 * most_m / speed;
-                if self.in_contact {
+                let hop_m = self.hops.seek_distance_m();
+                if hop_m.is_some_and(|hop_m| way > hop_m) && self.hops.turn_back() {
+                    self.hop(percept);
+                } else if self.in_contact {
                     self.touch(config, percept, speed);
                 } else if way > most_m || waited_s > patience {
                     self.leave(percept, Some(Fault::SurfaceLost));
@@ -265,7 +280,7 @@ impl Run {
                     self.go_home(percept);
                 }
             }
-            Phase::Lift => self.decide_lift(program, config, percept, dt),
+            Phase::Lift => self.decide_lift(program, config, reference_n, percept, dt),
             Phase::Clear | Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
     }
@@ -369,7 +384,9 @@ impl Run {
         self.force.touch(config, force_n, speed_m_per_s);
         // A tool that lands where the surface is known need not explore it.
         let knows_landing = std::mem::take(&mut self.lift.knows_landing);
-        if !knows_landing {
+        if self.hops.is_on_the_way_out() {
+            self.exploration = Exploration::default();
+        } else if !knows_landing {
             self.exploration.offer();
         }
         self.acting = ActingPoint::default();

@@ -16,6 +16,7 @@ use super::route::{Lifting, Route, Stage};
 use super::run::Run;
 use super::surface::Surface;
 use super::surface_chart::{Felt, SurfaceChart};
+use super::touchdown::real_touch_n;
 use crate::contact::alignment::{alignment_rate, angle_between, tangential};
 use crate::leaving::leave_watch::Leaving;
 use crate::limits::clamp_norm;
@@ -49,6 +50,13 @@ const BACK_MAX_M: f64 = 0.02;
 /// Touches on one way that lead further off; the next one ends the task.
 const CLIMBS_MAX: u32 = 3;
 
+/// The end of a route: where the tool lands, the place above it, m, and the normal there.
+struct Landing {
+    lands: Vector3<f64>,
+    to: Vector3<f64>,
+    normal: Vector3<f64>,
+}
+
 impl Run {
     /// Leaves the surface for the next stroke.
     pub(crate) fn take_off(&mut self, percept: &Percept) {
@@ -69,6 +77,11 @@ impl Run {
         self.rise(percept, past);
     }
 
+    /// Leaves the surface for a place beside the one where contact was lost, or back.
+    pub(super) fn hop(&mut self, percept: &Percept) {
+        self.rise(percept, Lifting::idle());
+    }
+
     fn rise(&mut self, percept: &Percept, lift: Lifting) {
         self.lift = Lifting {
             from: percept.position,
@@ -84,10 +97,12 @@ impl Run {
         &mut self,
         program: &Program,
         config: &ControllerConfig,
+        reference_n: f64,
         percept: &Percept,
         dt_s: f64,
     ) {
-        let Some(wrench) = percept.wrench.filter(|_| !self.paused) else {
+        let Some((wrench, force_n)) = percept.wrench.zip(percept.force_n).filter(|_| !self.paused)
+        else {
             return;
         };
         match self.lift.stage {
@@ -111,12 +126,13 @@ impl Run {
                     || self.time_in_phase_s() > patience_s
                 {
                     self.leave(percept, Some(Fault::NotClear));
-                } else if way_m >= program.path.rise().lift_m && !self.in_contact {
+                } else if !self.in_contact && self.is_above(program, &percept.position) {
                     self.lift.stage = Stage::Above;
                 }
             }
             Stage::Above => {}
-            Stage::Over(_) if self.in_contact => {
+            // Noise and a zero that has drifted touch nothing.
+            Stage::Over(_) if self.in_contact && force_n >= real_touch_n(config, reference_n) => {
                 if self.lift.climbs >= CLIMBS_MAX {
                     return self.leave(percept, Some(Fault::PathBlocked));
                 }
@@ -136,10 +152,15 @@ impl Run {
                     // A tool that landed elsewhere would slide where it must not.
                     self.leave(percept, Some(Fault::PathBlocked));
                 } else if late || late_s >= 0.0 && turned && away_m < ARRIVED_M {
-                    self.surface = Surface::new(route.to_normal);
-                    let past_s = self.lift.past_s;
-                    self.tracking.land(&program.path, past_s, route.lands);
-                    self.seeks_lost = false;
+                    if let Some(hop) = self.hops.landing() {
+                        let offset = self.tracking.drawn(hop.offset, &route.to_normal);
+                        self.tracking.displace(route.lands, hop.aside + offset);
+                    } else {
+                        self.surface = Surface::new(route.to_normal);
+                        let past_s = self.lift.past_s;
+                        self.tracking.land(&program.path, past_s, route.lands);
+                        self.seeks_lost = false;
+                    }
                     self.enter(Phase::Seek, percept);
                 }
             }
@@ -165,6 +186,19 @@ impl Run {
         chart: Option<&SurfaceChart>,
         percept: &Percept,
     ) {
+        if let Some(landing) = self.hops.landing() {
+            let normal = self.surface.normal;
+            let in_plane = self.tracking.drawn(landing.offset, &normal);
+            let lands = landing.place + self.tracking.on_surface(in_plane, &normal);
+            let to = lands + normal * self.height_of_hop_m(landing.lift_m);
+            return self.go_over(
+                program,
+                config,
+                percept,
+                &Landing { lands, to, normal },
+                0.0,
+            );
+        }
         let Some(landing) = self.tracking.landing(&program.path, self.lift.past_s) else {
             return self.leave(percept, None);
         };
@@ -200,6 +234,33 @@ impl Run {
         };
         self.lift.knows_landing = knows_landing;
         let to = lands + to_normal * rise.lift_m;
+        let bulge_m = expected.as_ref().map_or(0.0, |(expected, _)| {
+            self.bulge_over_m(expected, &from, &to, rise.lift_m)
+        });
+        let at = Landing {
+            lands,
+            to,
+            normal: to_normal,
+        };
+        self.go_over(program, config, percept, &at, bulge_m);
+    }
+
+    /// Sets the route to a landing, with its middle at least `bulge_m` above the straight line, m.
+    fn go_over(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        percept: &Percept,
+        landing: &Landing,
+        bulge_m: f64,
+    ) {
+        let rise = program.path.rise();
+        let (from, from_normal) = (percept.position, self.surface.normal);
+        let &Landing {
+            lands,
+            to,
+            normal: to_normal,
+        } = landing;
         let way_m = (to - from).norm();
         let turn_rad = angle_between(&from_normal, &to_normal);
         // A circle through both ends rises by this much above their chord.
@@ -209,20 +270,22 @@ impl Run {
         } else {
             0.0
         };
-        let bulge_m = match &expected {
-            None => arc_m,
-            Some((expected, _)) => arc_m.max(self.bulge_over_m(expected, &from, &to, rise.lift_m)),
-        };
         let bounds = &config.path;
         let length_m = way_m.max(1e-4);
         let speed = (rise.speed_m_per_s / length_m)
             .min(config.alignment.turn_rate_max_rad_per_s / turn_rad.max(1e-6));
+        // A hop rises higher at both ends.
+        let climbed_m = if self.hops.is_under_way() {
+            0.0
+        } else {
+            f64::from(self.lift.climbs) * rise.lift_m
+        };
         self.lift.stage = Stage::Over(Route {
             from,
             to,
             from_normal,
             to_normal,
-            bulge_m: bulge_m + f64::from(self.lift.climbs) * rise.lift_m,
+            bulge_m: arc_m.max(bulge_m) + climbed_m,
             lands,
             // Over a share of the route, 0 to 1.
             profile: Profile::new(
@@ -233,6 +296,20 @@ impl Run {
             ),
             time_s: 0.0,
         });
+    }
+
+    /// Height at which the tool moves across on a hop, m: more after a touch on the way.
+    fn height_of_hop_m(&self, lift_m: f64) -> f64 {
+        lift_m * f64::from(1 + self.lift.climbs)
+    }
+
+    /// Whether a tool that moves off the surface is high enough to move across.
+    fn is_above(&self, program: &Program, position: &Vector3<f64>) -> bool {
+        let normal = &self.surface.normal;
+        match self.hops.landing() {
+            Some(hop) => (position - hop.place).dot(normal) >= self.height_of_hop_m(hop.lift_m),
+            None => (position - self.lift.from).dot(normal) >= program.path.rise().lift_m,
+        }
     }
 
     /// Height of the middle of a route above its chord, m, at which it passes `lift_m` above the

@@ -13,6 +13,7 @@ mod decisions;
 mod delay_in_use;
 pub mod force_integral;
 pub mod force_law;
+mod hops;
 mod interface;
 pub mod joint_velocity;
 mod joint_way;

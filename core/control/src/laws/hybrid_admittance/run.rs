@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
 use super::force_law::ForceLaw;
+use super::hops::Hops;
 use super::interface::ControlInput;
 use super::joint_way::JointWay;
 use super::ledge::Ledge;
@@ -67,6 +68,7 @@ pub(crate) struct Run {
     pub in_contact: bool,
     pub lost_count: u32,
     pub losses: Losses,
+    pub hops: Hops,
     pub felt: Felt,
     pub touch: Touch,
     pub approach: Vector3<f64>,
@@ -142,6 +144,7 @@ impl Run {
             in_contact: false,
             lost_count: 0,
             losses: Losses::default(),
+            hops: Hops::default(),
             felt: Felt::default(),
             touch: Touch::default(),
             approach: -Vector3::z(),
@@ -255,7 +258,7 @@ impl Run {
     }
 
     /// Speed towards a lost surface with the tool at `position` (m), m/s: slower where contact was
-    /// lost again and again.
+    /// lost again and again, but not beside it.
     pub(super) fn seek_speed(
         &self,
         config: &ControllerConfig,
@@ -263,7 +266,11 @@ impl Run {
         position: &Vector3<f64>,
     ) -> f64 {
         let stiffness = self.force.stiffness_n_per_m();
-        seek_speed(config, reference_n, stiffness) * self.losses.speed_share(position)
+        let speed = seek_speed(config, reference_n, stiffness);
+        if self.hops.is_under_way() {
+            return speed;
+        }
+        speed * self.losses.speed_share(position)
     }
 
     /// Whether contact was detected in this run.

@@ -124,6 +124,18 @@ impl Tracking {
         self.aside = Vector2::zeros();
     }
 
+    /// Displacement of the reference from the path, in the path's plane, m.
+    pub(crate) fn aside(&self) -> Vector2<f64> {
+        self.aside
+    }
+
+    /// Moves the reference to `reference` (m), displaced from the path by `aside` (path's plane, m).
+    pub(crate) fn displace(&mut self, reference: Vector3<f64>, aside: Vector2<f64>) {
+        self.clock_rate = 0.0;
+        self.reference = reference;
+        self.aside = aside;
+    }
+
     /// Point of the path's plane for a tool at `position`, m.
     pub(crate) fn in_plane(
         &self,
@@ -191,6 +203,11 @@ impl Tracking {
             return 1.0;
         }
         self.on_surface(*along, normal).norm() / length
+    }
+
+    /// A displacement along the surface (m, axes of the path's plane) as it is drawn in the plane.
+    pub(crate) fn drawn(&self, on_surface: Vector2<f64>, normal: &Vector3<f64>) -> Vector2<f64> {
+        on_surface / self.stretch(&on_surface, normal)
     }
 
     /// Vector from a tool at `position` to the reference, in the tangent plane, m.
@@ -262,7 +279,7 @@ impl Tracking {
     ) -> Vector3<f64> {
         self.clock_rate = 0.0;
         let error = self.error(path, position, normal);
-        let in_plane = on_surface / self.stretch(&on_surface, normal);
+        let in_plane = self.drawn(on_surface, normal);
         self.aside += in_plane;
         self.moved_by(config, in_plane, position, error, normal, dt_s)
     }

@@ -183,6 +183,9 @@ pub struct PaceConfig {
     pub explore_radius_m: f64,
     /// Standard deviation of the normal in any direction above which the tool explores, rad.
     pub explore_above_rad: f64,
+    /// Distance from a place where contact was lost again and again at which the tool touches the
+    /// surface beside it, m; 0: never.
+    pub hop_m: f64,
 }
 
 /// Detection of contact and of its loss.
@@ -303,6 +306,7 @@ impl Default for PaceConfig {
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
             explore_above_rad: 0.045,
+            hop_m: 0.003,
         }
     }
 }
@@ -378,6 +382,7 @@ impl Presets for ControllerConfig {
                 side_least_n: 0.0,
                 over_m: 0.0,
                 explore_radius_m: 0.0,
+                hop_m: 0.0,
                 ..default.pace
             },
             ..default

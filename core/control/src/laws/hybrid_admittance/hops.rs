@@ -1,0 +1,174 @@
+//! Touches beside a place where contact was lost again and again.
+//!
+//! A tool that slides off a surface whose slope it does not know feels nothing of that slope: on a
+//! stiff contact with little force it has slid for a tenth of a millimetre. So it lifts off, and
+//! touches the surface at the corners of a triangle around the place, without sliding; the heights
+//! of these places show the slope to the estimator. Then it lands where it lost contact. Called by
+//! the phase machine at a loss and after each touch, and by phase `lift`.
+
+use nalgebra::{Rotation2, Vector2, Vector3};
+
+/// Losses at one place after which the tool hops: at the first of them, and at the second.
+const AFTER_LOSSES: [u32; 2] = [3, 6];
+/// Corners of the triangle.
+const CORNERS: u32 = 3;
+/// Height above the expected surface at which the tool moves across, as a share of the distance.
+const LIFT_SHARE: f64 = 0.5;
+/// Distance below the expected surface at which there is none, as a share of the distance: it is
+/// steeper than 40 degrees there, or ends.
+const BELOW_SHARE: f64 = 0.85;
+/// Time for which a touch must be settled, s: twice what an estimator waits after a touch.
+const SETTLED_S: f64 = 0.4;
+
+/// Where a hop lands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Landing {
+    /// Where contact was lost, m, base axes.
+    pub place: Vector3<f64>,
+    /// Displacement of the path's reference there, m, path's plane.
+    pub aside: Vector2<f64>,
+    /// Displacement from there, m along the surface, axes of the path's plane.
+    pub offset: Vector2<f64>,
+    /// Height above the expected surface at which the tool moves across, m.
+    pub lift_m: f64,
+}
+
+/// State for one run. A new one is the reset.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Hops {
+    round: Option<Round>,
+}
+
+/// A round of hops.
+#[derive(Clone, Copy, Debug)]
+struct Round {
+    /// Where contact was lost, m, base axes, and the displacement of the path's reference there, m.
+    place: Vector3<f64>,
+    aside: Vector2<f64>,
+    distance_m: f64,
+    /// Corner to which the tool goes; [`CORNERS`] for the way back.
+    corner: u32,
+}
+
+impl Hops {
+    /// Begins a round after the loss number `lost_here` at this place, if that is one after which
+    /// the tool hops by `distance_m`.
+    pub fn offer(
+        &mut self,
+        distance_m: f64,
+        lost_here: u32,
+        place: &Vector3<f64>,
+        aside: &Vector2<f64>,
+    ) -> bool {
+        let begins = distance_m > 0.0 && self.round.is_none() && AFTER_LOSSES.contains(&lost_here);
+        if begins {
+            self.round = Some(Round {
+                place: *place,
+                aside: *aside,
+                distance_m,
+                corner: 0,
+            });
+        }
+        begins
+    }
+
+    /// Whether the tool is on its way to a corner, or back, or touches one.
+    pub fn is_under_way(&self) -> bool {
+        self.round.is_some()
+    }
+
+    /// Whether the tool is on its way to a corner, or touches one.
+    pub fn is_on_the_way_out(&self) -> bool {
+        self.round.is_some_and(|round| round.corner < CORNERS)
+    }
+
+    /// Time for which a touch must be settled until its height is measured, s.
+    pub fn settled_s(&self) -> f64 {
+        if self.is_under_way() { SETTLED_S } else { 0.0 }
+    }
+
+    /// Goes on from a touch to the next corner, or back. Returns false after the way back.
+    pub fn next(&mut self) -> bool {
+        match &mut self.round {
+            Some(round) if round.corner < CORNERS => {
+                round.corner += 1;
+                true
+            }
+            _ => {
+                self.round = None;
+                false
+            }
+        }
+    }
+
+    /// Goes back: there was no surface at a corner. Returns false on the way back itself.
+    pub fn turn_back(&mut self) -> bool {
+        match &mut self.round {
+            Some(round) if round.corner < CORNERS => {
+                round.corner = CORNERS;
+                true
+            }
+            _ => {
+                self.round = None;
+                false
+            }
+        }
+    }
+
+    /// Where the tool lands next.
+    pub fn landing(&self) -> Option<Landing> {
+        self.round.map(|round| Landing {
+            place: round.place,
+            aside: round.aside,
+            offset: if round.corner < CORNERS {
+                let angle = std::f64::consts::TAU * f64::from(round.corner) / f64::from(CORNERS);
+                Rotation2::new(angle) * Vector2::new(round.distance_m, 0.0)
+            } else {
+                Vector2::zeros()
+            },
+            lift_m: LIFT_SHARE * round.distance_m,
+        })
+    }
+
+    /// Distance of the search for the surface from the height of a hop down, m.
+    pub fn seek_distance_m(&self) -> Option<f64> {
+        self.round
+            .map(|round| (LIFT_SHARE + BELOW_SHARE) * round.distance_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_round_touches_three_corners_and_ends_where_it_began() {
+        let mut hops = Hops::default();
+        let (place, aside) = (Vector3::x(), Vector2::zeros());
+        assert!(!hops.offer(3e-3, 2, &place, &aside));
+        assert!(!hops.offer(0.0, 3, &place, &aside));
+        assert!(hops.offer(3e-3, 3, &place, &aside));
+        let mut sum = Vector2::zeros();
+        for _ in 0..CORNERS {
+            let offset = hops.landing().unwrap().offset;
+            assert!((offset.norm() - 3e-3).abs() < 1e-12);
+            sum += offset;
+            assert!(hops.next());
+        }
+        assert!(sum.norm() < 1e-12);
+        assert_eq!(hops.landing().unwrap().offset, Vector2::zeros());
+        assert!(!hops.next());
+        assert!(!hops.is_under_way());
+        assert!(hops.offer(3e-3, 6, &place, &aside));
+    }
+
+    #[test]
+    fn without_a_surface_at_a_corner_the_tool_goes_back_once() {
+        let mut hops = Hops::default();
+        hops.offer(3e-3, 3, &Vector3::x(), &Vector2::zeros());
+        assert!(hops.turn_back());
+        assert_eq!(hops.landing().unwrap().offset, Vector2::zeros());
+        assert!(!hops.turn_back());
+        assert!(!hops.is_under_way());
+    }
+}
