@@ -29,6 +29,8 @@ const JUMP_SD: f64 = 3.0;
 /// Standard deviations beyond which a height gets less weight. An error of the slope adds up in the
 /// height, so that what looks like an outlier is news.
 const HEIGHT_HUBER_SD: f64 = 20.0;
+/// The same of a touch beside a lost contact: a ledge may be between them.
+const TOUCH_HUBER_SD: f64 = 4.0;
 
 impl ContactFilter {
     /// The height of the contact over the surface is what the compliance gives under the force.
@@ -60,7 +62,7 @@ impl ContactFilter {
         let friction_max = self.config.surface.friction_max;
         state
             .surface
-            .correct(HEIGHT_HUBER_SD, &row, innovation, variance, friction_max);
+            .correct(TOUCH_HUBER_SD, &row, innovation, variance, friction_max);
     }
 
     /// `f = N (n - mu t) + b`, measured across and along the direction of sliding.

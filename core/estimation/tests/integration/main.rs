@@ -7,3 +7,4 @@ mod depth_normal;
 mod object_pose_step;
 mod robustness;
 mod synthetic;
+mod touches;

@@ -5,6 +5,7 @@ use tangent_sensing::Validity;
 
 use super::acting_point::ActingPoint;
 use super::config::ControllerConfig;
+use super::hops::PRESSED_S;
 use super::interface::ControlInput;
 use super::ledge::Way;
 use super::losses::{Felt, Touch};
@@ -126,6 +127,15 @@ impl Run {
                 if self.lost_count > config.contact.lost_count_max {
                     return self.leave(percept, Some(Fault::ContactUnstable));
                 }
+                self.tracking.freeze();
+                self.seeks_lost = true;
+                if self.hops.is_under_way() {
+                    // Beside the place of the losses, and no more of them.
+                    if self.hops.slips() {
+                        return self.hop(percept);
+                    }
+                    return self.enter(Phase::Seek, percept);
+                }
                 let (position, normal) = (&percept.position, &self.surface.normal);
                 let here = self.losses.count(position, normal, &self.felt);
                 if config.contact.lost_here_max > 0 && here > config.contact.lost_here_max {
@@ -136,13 +146,13 @@ impl Run {
                     };
                     return self.leave(percept, Some(fault));
                 }
-                self.tracking.freeze();
-                self.seeks_lost = true;
                 let aside = self.tracking.aside();
+                let counts = (here, self.losses.rounds());
                 if self
                     .hops
-                    .offer(config.pace.hop_m, here, &percept.position, &aside)
+                    .offer(config.pace.hop_m, counts, &percept.position, &aside)
                 {
+                    self.losses.felt_around();
                     return self.hop(percept);
                 }
                 return self.enter(Phase::Seek, percept);
@@ -194,13 +204,26 @@ impl Run {
             Phase::Contact => {
                 let near = config.contact.settled_share * reference_n;
                 let arrived = (self.force.reference_n() - reference_n).abs() < 1e-9;
-                let is_near = |force_n: f64| (force_n - reference_n).abs() < near;
-                if arrived && percept.force_n.is_some_and(is_near) {
+                let hops = self.hops.is_under_way();
+                let real_n = real_touch_n(config, reference_n);
+                let settles = percept.force_n.is_some_and(|force_n| {
+                    if hops {
+                        force_n >= real_n
+                    } else {
+                        arrived && (force_n - reference_n).abs() < near
+                    }
+                });
+                if settles {
                     self.settled_s += dt;
                 } else {
                     self.settled_s = 0.0;
                 }
-                if self.settled_s > config.contact.settled_s.max(self.hops.settled_s()) {
+                let settled_s = if hops {
+                    PRESSED_S
+                } else {
+                    config.contact.settled_s
+                };
+                if self.settled_s > settled_s {
                     if self.paused {
                         // Stands.
                     } else if self.hops.next() {

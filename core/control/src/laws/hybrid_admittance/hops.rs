@@ -8,8 +8,9 @@
 
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-/// Losses at one place after which the tool hops: at the first of them, and at the second.
-const AFTER_LOSSES: [u32; 2] = [3, 6];
+/// Losses at one place after which the tool hops, and how often it does at that place.
+const AFTER_LOSSES: u32 = 3;
+const ROUNDS_MAX: u32 = 2;
 /// Corners of the triangle.
 const CORNERS: u32 = 3;
 /// Height above the expected surface at which the tool moves across, as a share of the distance.
@@ -17,8 +18,10 @@ const LIFT_SHARE: f64 = 0.5;
 /// Distance below the expected surface at which there is none, as a share of the distance: it is
 /// steeper than 40 degrees there, or ends.
 const BELOW_SHARE: f64 = 0.85;
-/// Time for which a touch must be settled, s: twice what an estimator waits after a touch.
-const SETTLED_S: f64 = 0.4;
+/// How often the tool may slip off a corner before it goes on to the next.
+const SLIPS_MAX: u32 = 2;
+/// Time for which the tool presses at a corner, s: twice what an estimator waits after a touch.
+pub(crate) const PRESSED_S: f64 = 0.4;
 
 /// Where a hop lands.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,25 +51,31 @@ struct Round {
     distance_m: f64,
     /// Corner to which the tool goes; [`CORNERS`] for the way back.
     corner: u32,
+    /// How often contact was lost there.
+    slips: u32,
 }
 
 impl Hops {
-    /// Begins a round after the loss number `lost_here` at this place, if that is one after which
-    /// the tool hops by `distance_m`.
+    /// Begins a round with this distance (m) after the loss number `lost_here` at this place and
+    /// `rounds` there, if these are enough losses and not too many rounds.
     pub fn offer(
         &mut self,
         distance_m: f64,
-        lost_here: u32,
+        (lost_here, rounds): (u32, u32),
         place: &Vector3<f64>,
         aside: &Vector2<f64>,
     ) -> bool {
-        let begins = distance_m > 0.0 && self.round.is_none() && AFTER_LOSSES.contains(&lost_here);
+        let begins = distance_m > 0.0
+            && self.round.is_none()
+            && lost_here == AFTER_LOSSES
+            && rounds < ROUNDS_MAX;
         if begins {
             self.round = Some(Round {
                 place: *place,
                 aside: *aside,
                 distance_m,
                 corner: 0,
+                slips: 0,
             });
         }
         begins
@@ -82,9 +91,14 @@ impl Hops {
         self.round.is_some_and(|round| round.corner < CORNERS)
     }
 
-    /// Time for which a touch must be settled until its height is measured, s.
-    pub fn settled_s(&self) -> f64 {
-        if self.is_under_way() { SETTLED_S } else { 0.0 }
+    /// Records that the tool slipped off where it touched. Returns whether it goes on to the next
+    /// corner, or back; on the way back, the round ends.
+    pub fn slips(&mut self) -> bool {
+        let Some(round) = &mut self.round else {
+            return false;
+        };
+        round.slips += 1;
+        round.slips > SLIPS_MAX && self.next()
     }
 
     /// Goes on from a touch to the next corner, or back. Returns false after the way back.
@@ -92,6 +106,7 @@ impl Hops {
         match &mut self.round {
             Some(round) if round.corner < CORNERS => {
                 round.corner += 1;
+                round.slips = 0;
                 true
             }
             _ => {
@@ -106,6 +121,7 @@ impl Hops {
         match &mut self.round {
             Some(round) if round.corner < CORNERS => {
                 round.corner = CORNERS;
+                round.slips = 0;
                 true
             }
             _ => {
@@ -145,9 +161,10 @@ mod tests {
     fn a_round_touches_three_corners_and_ends_where_it_began() {
         let mut hops = Hops::default();
         let (place, aside) = (Vector3::x(), Vector2::zeros());
-        assert!(!hops.offer(3e-3, 2, &place, &aside));
-        assert!(!hops.offer(0.0, 3, &place, &aside));
-        assert!(hops.offer(3e-3, 3, &place, &aside));
+        assert!(!hops.offer(3e-3, (2, 0), &place, &aside));
+        assert!(!hops.offer(0.0, (3, 0), &place, &aside));
+        assert!(!hops.offer(3e-3, (3, 2), &place, &aside));
+        assert!(hops.offer(3e-3, (3, 0), &place, &aside));
         let mut sum = Vector2::zeros();
         for _ in 0..CORNERS {
             let offset = hops.landing().unwrap().offset;
@@ -159,13 +176,13 @@ mod tests {
         assert_eq!(hops.landing().unwrap().offset, Vector2::zeros());
         assert!(!hops.next());
         assert!(!hops.is_under_way());
-        assert!(hops.offer(3e-3, 6, &place, &aside));
+        assert!(hops.offer(3e-3, (3, 1), &place, &aside));
     }
 
     #[test]
     fn without_a_surface_at_a_corner_the_tool_goes_back_once() {
         let mut hops = Hops::default();
-        hops.offer(3e-3, 3, &Vector3::x(), &Vector2::zeros());
+        hops.offer(3e-3, (3, 0), &Vector3::x(), &Vector2::zeros());
         assert!(hops.turn_back());
         assert_eq!(hops.landing().unwrap().offset, Vector2::zeros());
         assert!(!hops.turn_back());

@@ -105,6 +105,8 @@ impl Run {
         else {
             return;
         };
+        // Noise and a zero that has drifted touch nothing.
+        let touches = self.in_contact && force_n >= real_touch_n(config, reference_n);
         match self.lift.stage {
             Stage::Off => {
                 let leave = &config.leave;
@@ -126,13 +128,12 @@ impl Run {
                     || self.time_in_phase_s() > patience_s
                 {
                     self.leave(percept, Some(Fault::NotClear));
-                } else if !self.in_contact && self.is_above(program, &percept.position) {
+                } else if !touches && self.is_above(program, &percept.position) {
                     self.lift.stage = Stage::Above;
                 }
             }
             Stage::Above => {}
-            // Noise and a zero that has drifted touch nothing.
-            Stage::Over(_) if self.in_contact && force_n >= real_touch_n(config, reference_n) => {
+            Stage::Over(_) if touches => {
                 if self.lift.climbs >= CLIMBS_MAX {
                     return self.leave(percept, Some(Fault::PathBlocked));
                 }

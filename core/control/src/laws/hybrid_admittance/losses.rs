@@ -112,6 +112,8 @@ pub(crate) struct Losses {
     place: Option<(Vector3<f64>, Vector3<f64>)>,
     here: u32,
     aside: u32,
+    /// How often the tool has felt the surface around this place since.
+    rounds: u32,
     deeper_m: f64,
     /// Position (m) and normal in use where contact was lost first since the tool slid on
     /// unhindered, and for how long it does, s.
@@ -165,6 +167,19 @@ impl Losses {
                 && angle_between(&first, normal) > UPRIGHT_RAD
         });
         here || below
+    }
+
+    /// Records that the tool has felt the surface around this place: the losses before say nothing
+    /// of the normal that it has found.
+    pub fn felt_around(&mut self) {
+        self.here = 0;
+        self.aside = 0;
+        self.rounds += 1;
+    }
+
+    /// How often the tool has felt the surface around this place.
+    pub fn rounds(&self) -> u32 {
+        self.rounds
     }
 
     /// Records that the tool slides on unhindered: the surface goes on.

@@ -49,6 +49,11 @@ pub(crate) struct Lifting {
 }
 
 impl Lifting {
+    /// Whether the tool is on its route above the surface.
+    pub fn is_over(&self) -> bool {
+        matches!(self.stage, Stage::Over(_))
+    }
+
     pub fn idle() -> Self {
         Self {
             stage: Stage::Off,

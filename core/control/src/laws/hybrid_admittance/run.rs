@@ -87,6 +87,9 @@ pub(crate) struct Run {
     pub in_phase_s: f64,
     pub elapsed_s: f64,
     pub settled_s: f64,
+    /// Mean force that the sensor shows above the surface, N, during a lift and the way down after
+    /// it.
+    pub above_n: f64,
     /// Time for which the force has been too low for contact, s.
     pub low_s: f64,
     /// Time for which the path has waited for the arm, s.
@@ -161,6 +164,7 @@ impl Run {
             in_phase_s: 0.0,
             elapsed_s: 0.0,
             settled_s: 0.0,
+            above_n: 0.0,
             low_s: 0.0,
             stalled_s: 0.0,
             blind_s: 0.0,

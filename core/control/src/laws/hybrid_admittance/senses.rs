@@ -34,6 +34,8 @@ const COMPARED_S: f64 = 0.02;
 const GAP_MAX_S: f64 = 0.25;
 /// Distance from the tool's origin to an edge of the tip that may be the contact, m.
 const TIP_RADIUS_M: f64 = 0.015;
+/// Time constant of the mean force above the surface, s.
+const ABOVE_S: f64 = 0.2;
 
 impl Run {
     /// Evaluates the cycle's measurements: contact, normal, and validity of the wrench. `input` has
@@ -215,7 +217,15 @@ impl Run {
         let lost = (contact.lost_share * reference_n)
             .max(0.5 * contact.noise_n)
             .min(0.7 * touch);
-        if force_n >= touch {
+        // What the sensor shows above the surface is no touch on the way down.
+        match self.phase {
+            Phase::Lift if self.lift.is_over() => {
+                self.above_n += (force_n - self.above_n) * dt_s / (dt_s + ABOVE_S);
+            }
+            Phase::Lift | Phase::Seek => {}
+            _ => self.above_n = 0.0,
+        }
+        if force_n >= touch + self.above_n.clamp(0.0, contact.noise_n) {
             self.in_contact = true;
         }
         if force_n < lost {

@@ -1,0 +1,129 @@
+//! A tool that touches a surface at some places, and slides nowhere.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build};
+use tangent_mechanics::{Pose, Twist, Wrench};
+use tangent_sensing::Validity;
+
+const DT: f64 = 0.008;
+const STIFFNESS: f64 = 50_000.0;
+const LOAD_N: f64 = 1.5;
+/// Standard deviation of the height of one place: roughness and gears, m.
+const ROUGH_M: f64 = 15e-6;
+/// Height above the surface at which the tool moves across, m.
+const ABOVE_M: f64 = 0.0015;
+
+/// The last estimate in contact after touches at `places` (m along the surface's plane), each for
+/// `pressed_s`, of a plane with this normal and a tool that points down.
+fn touched(
+    places: &[(f64, f64)],
+    normal: &Vector3<f64>,
+    pressed_s: f64,
+    seed: u64,
+) -> NormalEstimate {
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let mut noise = move |sd: f64| -> f64 {
+        let unit: f64 = StandardNormal.sample(&mut rng);
+        unit * sd
+    };
+    let mut estimator = build("reactive", &EstimatorConfig::default()).unwrap();
+    let down =
+        Rotation3::from_matrix_unchecked(Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)));
+    let height = |x: f64, y: f64| -(normal.x * x + normal.y * y) / normal.z;
+    // Way points of the tool: position over the undented surface and time to get there.
+    let mut way = vec![(Vector3::new(places[0].0, places[0].1, ABOVE_M), 0.0)];
+    for &(x, y) in places {
+        let z = height(x, y) + noise(ROUGH_M);
+        let pressed = Vector3::new(x, y, z - LOAD_N / STIFFNESS);
+        let above = Vector3::new(x, y, z + ABOVE_M);
+        way.extend([
+            (above, 0.6),
+            (pressed, 0.8),
+            (pressed, pressed_s),
+            (above, 0.3),
+        ]);
+    }
+    let mut last = None;
+    let mut time_s = 0.0;
+    for pair in way.windows(2) {
+        let ((from, _), (to, lasts_s)) = (pair[0], pair[1]);
+        let steps = (lasts_s / DT).ceil();
+        for step in 1..=steps as usize {
+            time_s += DT;
+            let position = from.lerp(&to, step as f64 / steps);
+            let deep_m = height(position.x, position.y) - position.z;
+            let twist = Twist::new((to - from) / lasts_s, Vector3::zeros());
+            // Friction holds the tip: the force points along the tool.
+            let force = Vector3::z() * -(STIFFNESS * deep_m).max(0.0);
+            let estimate = estimator.update(&ContactSample {
+                time_s,
+                dt_s: DT,
+                base_from_tool: Pose::new(position, UnitQuaternion::from_rotation_matrix(&down)),
+                twist,
+                twist_commanded: twist,
+                wrench: Wrench::new(force.map(|f| f + noise(0.03)), Vector3::zeros()),
+                wrench_delay_s: 0.0,
+                wrench_validity: Validity::Valid,
+                wrench_bias_age_s: Some(time_s),
+                base: None,
+            });
+            if estimate.validity != Validity::NoContact {
+                last = Some(estimate);
+            }
+        }
+    }
+    last.unwrap()
+}
+
+fn off_deg(estimate: &NormalEstimate, normal: &Vector3<f64>) -> f64 {
+    estimate.normal.angle(normal).to_degrees()
+}
+
+/// Corners of a triangle around the first place, and that place again.
+const TRIANGLE: [(f64, f64); 5] = [
+    (0.0, 0.0),
+    (3e-3, 0.0),
+    (-1.5e-3, 2.6e-3),
+    (-1.5e-3, -2.6e-3),
+    (0.0, 0.0),
+];
+
+#[test]
+fn heights_of_some_places_show_the_slope_without_sliding() {
+    let mut nees = 0.0;
+    let mut count = 0.0;
+    for direction in 0..8 {
+        let angle = f64::from(direction) * 0.8;
+        let axis = Vector3::new(angle.cos(), angle.sin(), 0.0);
+        let normal = Rotation3::from_scaled_axis(axis * 0.25) * Vector3::z();
+        let before = touched(&TRIANGLE[..1], &normal, 0.6, 1);
+        assert!(off_deg(&before, &normal) > 8.0);
+        let after = touched(&TRIANGLE, &normal, 0.6, 10 + direction as u64);
+        assert!(
+            off_deg(&after, &normal) < 1.5,
+            "{}",
+            off_deg(&after, &normal)
+        );
+        let sd_deg = (after.covariance.trace() / 2.0).sqrt().to_degrees();
+        assert!(sd_deg < 2.6, "{sd_deg}");
+        let n = after.normal;
+        let error = normal - n * n.dot(&normal);
+        let full = after.covariance + n * n.transpose();
+        nees += error.dot(&(full.try_inverse().unwrap() * error)) / 2.0;
+        count += 1.0;
+    }
+    let nees = nees / count;
+    assert!((0.02..2.0).contains(&nees), "{nees}");
+}
+
+#[test]
+fn touches_at_one_place_show_no_slope() {
+    let normal = Rotation3::from_scaled_axis(Vector3::x() * 0.25) * Vector3::z();
+    let here = touched(&[(0.0, 0.0); 5], &normal, 0.6, 3);
+    assert!(off_deg(&here, &normal) > 8.0);
+    let sd_deg = (here.covariance.trace() / 2.0).sqrt().to_degrees();
+    assert!(sd_deg > 4.0, "{sd_deg}");
+}
