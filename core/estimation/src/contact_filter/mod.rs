@@ -56,7 +56,7 @@ const LOST_SLOPE_RAD: (f64, f64) = (0.12, 0.04);
 const DIRECTION_SD_MAX_RAD: f64 = 0.5;
 /// Distance along the surface from a lost contact to a touch, m, from which that touch shows the
 /// slope: the heights of nearer places are alike.
-const BESIDE_M: f64 = 0.001;
+const BESIDE_M: f64 = 0.002;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 

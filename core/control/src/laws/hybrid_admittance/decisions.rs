@@ -136,6 +136,7 @@ impl Run {
                     }
                     return self.enter(Phase::Seek, percept);
                 }
+                self.felt.moved = self.phase == Phase::Slide || self.exploration.has_begun();
                 let (position, normal) = (&percept.position, &self.surface.normal);
                 let here = self.losses.count(position, normal, &self.felt);
                 if config.contact.lost_here_max > 0 && here > config.contact.lost_here_max {
@@ -147,10 +148,8 @@ impl Run {
                     return self.leave(percept, Some(fault));
                 }
                 let aside = self.tracking.aside();
-                let counts = (here, self.losses.rounds());
-                if self
-                    .hops
-                    .offer(config.pace.hop_m, counts, &percept.position, &aside)
+                let (hop_m, slid) = (config.pace.hop_m, self.losses.slid());
+                if !self.losses.is_rim() && self.hops.offer(hop_m, slid, &percept.position, &aside)
                 {
                     self.losses.felt_around();
                     return self.hop(percept);

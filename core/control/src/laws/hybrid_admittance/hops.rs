@@ -19,7 +19,8 @@ const LIFT_SHARE: f64 = 0.5;
 /// steeper than 40 degrees there, or ends.
 const BELOW_SHARE: f64 = 0.85;
 /// How often the tool may slip off a corner before it goes on to the next.
-const SLIPS_MAX: u32 = 2;
+const SLIPS_MAX: u8 = 2;
+const SLOWER_FACTOR: f64 = 0.5;
 /// Time for which the tool presses at a corner, s: twice what an estimator waits after a touch.
 pub(crate) const PRESSED_S: f64 = 0.4;
 
@@ -52,23 +53,21 @@ struct Round {
     /// Corner to which the tool goes; [`CORNERS`] for the way back.
     corner: u32,
     /// How often contact was lost there.
-    slips: u32,
+    slips: u8,
 }
 
 impl Hops {
-    /// Begins a round with this distance (m) after the loss number `lost_here` at this place and
-    /// `rounds` there, if these are enough losses and not too many rounds.
+    /// Begins a round with this distance (m) if contact was lost at this place often enough while
+    /// the tool moved along, and if there were not too many rounds there before.
     pub fn offer(
         &mut self,
         distance_m: f64,
-        (lost_here, rounds): (u32, u32),
+        (lost, rounds): (u32, u32),
         place: &Vector3<f64>,
         aside: &Vector2<f64>,
     ) -> bool {
-        let begins = distance_m > 0.0
-            && self.round.is_none()
-            && lost_here == AFTER_LOSSES
-            && rounds < ROUNDS_MAX;
+        let begins =
+            distance_m > 0.0 && self.round.is_none() && lost >= AFTER_LOSSES && rounds < ROUNDS_MAX;
         if begins {
             self.round = Some(Round {
                 place: *place,
@@ -84,6 +83,12 @@ impl Hops {
     /// Whether the tool is on its way to a corner, or back, or touches one.
     pub fn is_under_way(&self) -> bool {
         self.round.is_some()
+    }
+
+    /// Share of a speed towards the surface: less where the tool slipped off.
+    pub fn speed_share(&self) -> f64 {
+        self.round
+            .map_or(1.0, |round| SLOWER_FACTOR.powi(i32::from(round.slips)))
     }
 
     /// Whether the tool is on its way to a corner, or touches one.

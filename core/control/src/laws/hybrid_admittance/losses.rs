@@ -39,6 +39,8 @@ pub(crate) struct Felt {
     pressing_n_s: f64,
     aside_n_s: f64,
     pressing_most_n: f64,
+    /// Whether the tool moved along the surface.
+    pub moved: bool,
 }
 
 impl Felt {
@@ -112,6 +114,8 @@ pub(crate) struct Losses {
     place: Option<(Vector3<f64>, Vector3<f64>)>,
     here: u32,
     aside: u32,
+    /// How many of them while the tool moved along the surface.
+    slid: u32,
     /// How often the tool has felt the surface around this place since.
     rounds: u32,
     deeper_m: f64,
@@ -136,6 +140,7 @@ impl Losses {
         self.slid_s = 0.0;
         self.here += 1;
         self.aside += u32::from(felt.is_aside());
+        self.slid += u32::from(felt.moved);
         self.deeper_m = self
             .place
             .map_or(0.0, |(place, _)| (place - position).dot(normal));
@@ -174,12 +179,14 @@ impl Losses {
     pub fn felt_around(&mut self) {
         self.here = 0;
         self.aside = 0;
+        self.slid = 0;
         self.rounds += 1;
     }
 
-    /// How often the tool has felt the surface around this place.
-    pub fn rounds(&self) -> u32 {
-        self.rounds
+    /// Losses at this place while the tool moved along the surface, which it has felt around this
+    /// place so often before.
+    pub fn slid(&self) -> (u32, u32) {
+        (self.slid, self.rounds)
     }
 
     /// Records that the tool slides on unhindered: the surface goes on.

@@ -166,6 +166,11 @@ impl Exploration {
         self.angle_rad.is_some()
     }
 
+    /// Whether the tool moves on a circle, or has.
+    pub fn has_begun(&self) -> bool {
+        self.radius_m > 0.0
+    }
+
     /// Next displacement in the plane of the path, m, at `speed_m_per_s`; `None` at the end, with
     /// the tool where it began. `bend_m` is the distance by which friction may bend the tool.
     pub fn step(

@@ -272,7 +272,7 @@ impl Run {
         let stiffness = self.force.stiffness_n_per_m();
         let speed = seek_speed(config, reference_n, stiffness);
         if self.hops.is_under_way() {
-            return speed;
+            return speed * self.hops.speed_share();
         }
         speed * self.losses.speed_share(position)
     }

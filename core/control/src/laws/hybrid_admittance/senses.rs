@@ -12,7 +12,7 @@ use super::percept::Percept;
 use super::run::{HoldReason, Run};
 use super::stiffness::DEPTH_SD_M;
 use super::surface::Surface;
-use super::touchdown::touch_force_n;
+use super::touchdown::{real_touch_n, touch_force_n};
 use crate::estimator_choice::EstimateStatus;
 use crate::estimator_choice::switching::ChoiceRules;
 use crate::limits::Limits;
@@ -225,7 +225,13 @@ impl Run {
             Phase::Lift | Phase::Seek => {}
             _ => self.above_n = 0.0,
         }
-        if force_n >= touch + self.above_n.clamp(0.0, contact.noise_n) {
+        // The contact of a hop is known to be stiff: noise need not count as one.
+        let touches_n = if self.phase == Phase::Seek && self.hops.is_under_way() {
+            real_touch_n(config, reference_n)
+        } else {
+            touch
+        };
+        if force_n >= touches_n + self.above_n.clamp(0.0, contact.noise_n) {
             self.in_contact = true;
         }
         if force_n < lost {
