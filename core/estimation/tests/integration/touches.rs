@@ -33,28 +33,29 @@ fn touched(
     let down =
         Rotation3::from_matrix_unchecked(Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)));
     let height = |x: f64, y: f64| -(normal.x * x + normal.y * y) / normal.z;
-    // Way points of the tool: position over the undented surface and time to get there.
-    let mut way = vec![(Vector3::new(places[0].0, places[0].1, ABOVE_M), 0.0)];
+    // Way points of the tool: position, time to get there, and height of the rough surface there.
+    let (x, y) = places[0];
+    let mut way = vec![(Vector3::new(x, y, ABOVE_M), 0.0, 0.0)];
     for &(x, y) in places {
         let z = height(x, y) + noise(ROUGH_M);
-        let pressed = Vector3::new(x, y, z - LOAD_N / STIFFNESS);
-        let above = Vector3::new(x, y, z + ABOVE_M);
+        let at = |above_m: f64, lasts_s: f64| (Vector3::new(x, y, z + above_m), lasts_s, z);
+        let deep_m = LOAD_N / STIFFNESS;
         way.extend([
-            (above, 0.6),
-            (pressed, 0.8),
-            (pressed, pressed_s),
-            (above, 0.3),
+            at(ABOVE_M, 0.6),
+            at(-deep_m, 0.8),
+            at(-deep_m, pressed_s),
+            at(ABOVE_M, 0.3),
         ]);
     }
     let mut last = None;
     let mut time_s = 0.0;
     for pair in way.windows(2) {
-        let ((from, _), (to, lasts_s)) = (pair[0], pair[1]);
+        let ((from, ..), (to, lasts_s, surface_m)) = (pair[0], pair[1]);
         let steps = (lasts_s / DT).ceil();
         for step in 1..=steps as usize {
             time_s += DT;
             let position = from.lerp(&to, step as f64 / steps);
-            let deep_m = height(position.x, position.y) - position.z;
+            let deep_m = surface_m - position.z;
             let twist = Twist::new((to - from) / lasts_s, Vector3::zeros());
             // Friction holds the tip: the force points along the tool.
             let force = Vector3::z() * -(STIFFNESS * deep_m).max(0.0);

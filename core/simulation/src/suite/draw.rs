@@ -137,7 +137,7 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         name: format!("{}_{number}", surface.name()),
         title: String::new(),
         seed: dice.next_seed(),
-        duration_s: 150.0,
+        duration_s: 600.0,
         controller: "default".to_owned(),
         control: toml::Table::new(),
         limits: Limits {

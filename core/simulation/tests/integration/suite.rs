@@ -233,7 +233,7 @@ fn a_touch_in_the_air_does_not_withdraw_the_zero() {
 /// behind it.
 #[test]
 fn a_pad_lifts_over_a_ledge_that_it_cannot_climb() {
-    for number in [35, 89, 95] {
+    for number in [89, 95] {
         let draw = draw(SurfaceKind::Step, number, SEED);
         assert!(!draw.to_string().contains("tip round"), "{draw}");
         let without = run_with(&draw, &["control.pace.over_m=0.0"]);
@@ -254,11 +254,7 @@ fn a_soft_first_touch_is_no_dead_sensor() {
     ] {
         let draw = draw(surface, number, SEED);
         assert!(draw.to_string().contains("tip soft"), "{draw}");
-        let run = run(&draw).unwrap();
-        let why = run.fault.unwrap_or_default();
-        // At 1.2 N on waves the estimate may be lost for other reasons.
-        assert!(run.completed || number == 38, "{draw}: {why}");
-        assert!(!why.contains("does not answer"), "{draw}: {why}");
+        completed(&draw);
     }
 }
 
@@ -280,6 +276,49 @@ fn a_tool_without_an_estimate_waits_until_it_presses() {
     ] {
         completed(&draw(surface, number, SEED));
     }
+}
+
+/// Soft tips at 1.1 N: the last normal led the tool to half of its force, where the estimator saw
+/// no contact, and the path went on at half of its speed, up to 36 degrees off.
+#[test]
+fn a_tool_without_an_estimate_stands_at_half_of_its_force() {
+    for (surface, number, seed) in [
+        (SurfaceKind::WavedSheet, 38, SEED),
+        (SurfaceKind::Gap, 39, 3),
+        (SurfaceKind::Gap, 89, 3),
+    ] {
+        completed(&draw(surface, number, seed));
+    }
+}
+
+/// Stiff contacts of 1 to 3 N, landed 7 to 20 degrees off: the tool slid off within a tenth of a
+/// millimetre, again and again, and felt nothing of the slope.
+#[test]
+fn a_tool_that_slides_off_again_and_again_touches_around_the_place() {
+    for (surface, number, seed) in [
+        (SurfaceKind::Ellipsoid, 70, 12),
+        (SurfaceKind::WavedSheet, 59, 12),
+        (SurfaceKind::Seam, 77, 12),
+        (SurfaceKind::HeightField, 109, 3),
+    ] {
+        let draw = draw(surface, number, seed);
+        let without = run_with(&draw, &["control.pace.hop_m=0.0"]);
+        assert!(!without.completed, "{draw}");
+        let with = completed(&draw);
+        let off_deg = |run: &Judgement| run.normal_mean_deg.unwrap();
+        let (with_deg, without_deg) = (off_deg(&with), off_deg(&without));
+        assert!(
+            with_deg < 0.4 * without_deg,
+            "{draw}: {with_deg} {without_deg}"
+        );
+    }
+}
+
+/// At 1 N, noise above the surface counted as something in the way of a lift, until the fourth ended
+/// the task.
+#[test]
+fn noise_above_the_surface_does_not_block_a_lift() {
+    completed(&draw(SurfaceKind::Step, 67, 3));
 }
 
 /// A tool that rolls over a rim or falls beside it: the surface ends there, or is lost, and nothing

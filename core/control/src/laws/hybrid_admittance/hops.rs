@@ -11,6 +11,8 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 /// Losses at one place after which the tool hops, and how often it does at that place.
 const AFTER_LOSSES: u32 = 3;
 const ROUNDS_MAX: u32 = 2;
+/// Most rounds of one task: a tool that slips off everywhere does not wipe.
+const ROUNDS_IN_ALL: u32 = 6;
 /// Corners of the triangle.
 const CORNERS: u32 = 3;
 /// Height above the expected surface at which the tool moves across, as a share of the distance.
@@ -41,6 +43,7 @@ pub(crate) struct Landing {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Hops {
     round: Option<Round>,
+    begun: u32,
 }
 
 /// A round of hops.
@@ -66,9 +69,13 @@ impl Hops {
         place: &Vector3<f64>,
         aside: &Vector2<f64>,
     ) -> bool {
-        let begins =
-            distance_m > 0.0 && self.round.is_none() && lost >= AFTER_LOSSES && rounds < ROUNDS_MAX;
+        let begins = distance_m > 0.0
+            && self.round.is_none()
+            && lost >= AFTER_LOSSES
+            && rounds < ROUNDS_MAX
+            && self.begun < ROUNDS_IN_ALL;
         if begins {
+            self.begun += 1;
             self.round = Some(Round {
                 place: *place,
                 aside: *aside,
@@ -182,6 +189,34 @@ mod tests {
         assert!(!hops.next());
         assert!(!hops.is_under_way());
         assert!(hops.offer(3e-3, (3, 1), &place, &aside));
+    }
+
+    #[test]
+    fn a_tool_that_slips_off_a_corner_tries_again_more_slowly_and_then_goes_on() {
+        let mut hops = Hops::default();
+        assert!(!hops.slips());
+        hops.offer(3e-3, (3, 0), &Vector3::x(), &Vector2::zeros());
+        let first = hops.landing();
+        for _ in 0..SLIPS_MAX {
+            let before = hops.speed_share();
+            assert!(!hops.slips());
+            assert!(hops.speed_share() < before);
+        }
+        assert_eq!(hops.landing(), first);
+        assert!(hops.slips());
+        assert_ne!(hops.landing(), first);
+        assert_eq!(hops.speed_share(), 1.0);
+    }
+
+    #[test]
+    fn a_task_has_a_bounded_number_of_rounds() {
+        let mut hops = Hops::default();
+        let mut begun = 0;
+        for _ in 0..20 {
+            begun += u32::from(hops.offer(3e-3, (3, 0), &Vector3::x(), &Vector2::zeros()));
+            while hops.next() {}
+        }
+        assert_eq!(begun, ROUNDS_IN_ALL);
     }
 
     #[test]

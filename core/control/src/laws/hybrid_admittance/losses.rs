@@ -239,6 +239,27 @@ mod tests {
     }
 
     #[test]
+    fn losses_of_a_moving_tool_count_until_it_has_felt_the_surface_around() {
+        let mut losses = Losses::default();
+        let (here, up) = (Vector3::zeros(), Vector3::z());
+        let moved = Felt {
+            moved: true,
+            ..Felt::default()
+        };
+        // A tool that bounces where it lands shows nothing of the slope.
+        losses.count(&here, &up, &Felt::default());
+        losses.count(&here, &up, &moved);
+        losses.count(&here, &up, &moved);
+        assert_eq!(losses.slid(), (2, 0));
+        losses.felt_around();
+        assert_eq!(losses.slid(), (0, 1));
+        assert_eq!(losses.speed_share(&here), 1.0);
+        assert_eq!(losses.count(&here, &up, &moved), 1);
+        losses.count(&(here + Vector3::x() * 0.02), &up, &moved);
+        assert_eq!(losses.slid(), (1, 0));
+    }
+
+    #[test]
     fn a_normal_that_turns_away_at_the_place_of_a_loss_shows_a_rim() {
         let mut losses = Losses::default();
         let (here, there) = (Vector3::zeros(), Vector3::x() * 0.02);

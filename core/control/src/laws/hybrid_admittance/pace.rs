@@ -33,7 +33,7 @@ const STAND_SHARES: f64 = 2.5;
 const EXCESS_LEAST: f64 = 0.2;
 /// Without an estimate, the tool stands up to the first share of the reference, and moves as fast
 /// as it may from the second.
-const BLIND_SHARES: [f64; 2] = [0.7, 0.9];
+const BLIND_SHARES: [f64; 2] = [0.55, 0.8];
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
 const REFERENCE_MIN_N: f64 = 1.5;
 /// Largest radius of the first circle, m.
@@ -272,9 +272,9 @@ mod tests {
     fn a_tool_without_an_estimate_stands_until_it_presses() {
         let config = PaceConfig::default();
         let factor = |error_n| blind_factor(&config, error_n, 2.0);
-        assert_eq!([factor(-2.0), factor(-0.7)], [0.0, 0.0]);
-        assert!((factor(-0.4) - 0.5).abs() < 1e-9);
-        assert_eq!([factor(-0.1), factor(3.0)], [1.0, 1.0]);
+        assert_eq!([factor(-2.0), factor(-1.0)], [0.0, 0.0]);
+        assert!((factor(-0.65) - 0.5).abs() < 1e-9);
+        assert_eq!([factor(-0.3), factor(3.0)], [1.0, 1.0]);
         let off = PaceConfig {
             slope_share: 0.0,
             ..config
