@@ -314,8 +314,8 @@ fn a_tool_that_slides_off_again_and_again_touches_around_the_place() {
     }
 }
 
-/// At 1 N, noise above the surface counted as something in the way of a lift, until the fourth ended
-/// the task.
+/// At 1 N, noise above the surface counted as something in the way of a lift, until the fourth
+/// ended the task.
 #[test]
 fn noise_above_the_surface_does_not_block_a_lift() {
     completed(&draw(SurfaceKind::Step, 67, 3));

@@ -129,7 +129,8 @@ impl Tracking {
         self.aside
     }
 
-    /// Moves the reference to `reference` (m), displaced from the path by `aside` (path's plane, m).
+    /// Moves the reference to `reference` (m), displaced from the path by `aside` (m, path's
+    /// plane).
     pub(crate) fn displace(&mut self, reference: Vector3<f64>, aside: Vector2<f64>) {
         self.clock_rate = 0.0;
         self.reference = reference;
