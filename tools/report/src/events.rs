@@ -45,14 +45,16 @@ pub struct PassedOver {
 impl PassedOver {
     /// Lifts on a path that has this many of its own.
     fn of(task: &TaskRun<'_>, planned: usize) -> Option<Self> {
-        let lifts = periods(task, is_lift).len();
-        // The path goes on in the last cycle of a lift, or the first one after it.
-        let share = task
+        // The path goes on in the last cycle of a lift, or the first one after it. Where it does
+        // not, the tool lifted to touch the surface around a place.
+        let steps: Vec<f64> = task
             .cycles
             .windows(2)
             .filter(|pair| is_lift(&pair[0]))
             .map(|pair| pair[1].control.path_progress - pair[0].control.path_progress)
-            .fold(0.0, |share, step| share + step.max(0.0));
+            .filter(|step| *step > 0.0)
+            .collect();
+        let (lifts, share) = (steps.len(), steps.iter().sum());
         (lifts > planned).then(|| Self {
             times: lifts - planned,
             path_share: (planned == 0).then_some(share),

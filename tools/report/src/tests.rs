@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use tangent_schemas::standard::Header;
 use tangent_schemas::tangent::CoverageState;
+use tangent_simulation::suite::{SurfaceKind, draw};
 use tangent_simulation::{AdmittanceScenario, Evaluation, evaluate_admittance_with};
 
 use crate::files::{Part, compare, read, write_for};
@@ -293,6 +294,31 @@ fn a_part_of_the_path_that_was_passed_over_is_told_and_not_accepted() {
     let words = crate::words(&report);
     let told = "completed, but the tool passed over something in the way once, ";
     assert!(words.contains(told), "{words}");
+}
+
+/// A tool that slid off again and again touched around the place, and then followed the whole path.
+#[test]
+fn touches_around_a_place_pass_over_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = [folder.path().join("slips.mcap")];
+    let mut tape = Tape::create(&path[0]);
+    let scenario = draw(SurfaceKind::Ellipsoid, 70, 12).scenario;
+    let activation = record_all(&mut tape, &scenario);
+    let task = "name = \"slips\"\npath = { kind=\"line\", to_m=[0.1, 0.0], speed_m_per_s=0.02 }";
+    let name = format!("task-{activation}.toml");
+    tape.writer.attach(&name, task, 1).unwrap();
+    tape.writer.finish().unwrap();
+
+    let report = read(&path, Part::default(), false).unwrap().report;
+    assert_eq!(
+        serde_json::to_value(&report).unwrap()["passed_over"],
+        Value::Null
+    );
+    let words = crate::words(&report);
+    assert!(
+        words.contains("completed: the whole path was followed"),
+        "{words}"
+    );
 }
 
 fn with_causes(error: &dyn std::error::Error) -> String {
