@@ -10,8 +10,8 @@ use super::sample::CycleSample;
 pub const SETTLING_LEFT_OUT_S: f64 = 1.0;
 
 /// The cycles in which the tool is meant to be on the surface: without its ways above the surface,
-/// from stroke to stroke or past something in the way, up to the touch at their end. A way above the
-/// surface after a lost contact is part of the search for it.
+/// from stroke to stroke or past something in the way, up to the touch at their end. A way above
+/// the surface after a lost contact is part of the search for it.
 pub(super) fn meant_to_touch(span: &[CycleSample]) -> Cow<'_, [CycleSample]> {
     if !span.iter().any(|sample| sample.phase == Phase::Lift) {
         return Cow::Borrowed(span);
