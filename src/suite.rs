@@ -1,5 +1,5 @@
-//! `tangent evaluate --suite`: random cells and tasks on all cores, and the table of what became of
-//! them.
+//! `tangent evaluate --suite`: random cells and tasks on all cores, and the tables of what became
+//! of them.
 
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -130,6 +130,6 @@ fn print(report: &SuiteReport) {
     );
     println!("worst draws:");
     for row in &report.rows {
-        println!("  {}", row.worst);
+        println!("  {}", row.figures.worst);
     }
 }

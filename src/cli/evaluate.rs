@@ -53,7 +53,7 @@ pub struct SuiteOptions {
     /// Also write one line per draw to this file.
     #[arg(long, requires = "suite", value_name = "FILE", conflicts_with = "draw")]
     pub csv: Option<PathBuf>,
-    /// Also write a page with the table and all draws to this file.
+    /// Also write a page with the tables and all draws to this file.
     #[arg(long, requires = "suite", value_name = "FILE", conflicts_with = "draw")]
     pub html: Option<PathBuf>,
 }

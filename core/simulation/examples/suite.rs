@@ -1,5 +1,5 @@
-//! `tangent evaluate --suite contact` without building the network: prints the table and, for each
-//! surface, the worst draw. With `--draw K` and `--surface NAME`, prints one draw, and with
+//! `tangent evaluate --suite contact` without building the network: prints the tables and, for
+//! each surface, the worst draw. With `--draw K` and `--surface NAME`, prints one draw, and with
 //! `--trace N` every Nth cycle of it. `--set key=value` changes a value in every draw.
 //!
 //! ```sh
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         &report.digest[..16]
     );
     for row in &report.rows {
-        println!("{}", row.worst);
+        println!("{}", row.figures.worst);
     }
     for run in report.runs.iter().filter(|run| !run.completed) {
         let end = run.fault.as_deref().unwrap_or(run.phase);

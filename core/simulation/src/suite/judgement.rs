@@ -4,6 +4,7 @@ use serde::Serialize;
 use tangent_control::{Fault, Phase};
 use tangent_schemas::Text;
 
+use super::conditions::Conditions;
 use super::draw::Draw;
 use super::surface_kind::SurfaceKind;
 use crate::evaluation::Evaluation;
@@ -28,8 +29,9 @@ pub struct Judgement {
     pub phase: &'static str,
     /// Fault that ended the task early.
     pub fault: Option<Text>,
-    /// Angle of the tool off the normal at touchdown, as drawn, degrees.
-    pub landed_deg: f64,
+    /// What was drawn.
+    #[serde(flatten)]
+    pub conditions: Conditions,
     /// Mean error of the estimated normal, from 1 s after first contact, degrees.
     pub normal_mean_deg: Option<f64>,
     /// Mean angle of the tool against the normal, from 1 s after first contact, degrees.
@@ -99,7 +101,7 @@ pub fn judge(
         completed: completed(draw, evaluation),
         phase: evaluation.phase,
         fault: evaluation.fault,
-        landed_deg: draw.scenario.plant.start.tilt_rad.to_degrees(),
+        conditions: Conditions::of(draw),
         normal_mean_deg: mean(&normal),
         tool_mean_deg: mean(&tool),
         settle_mm: figures.normal_found_after_m.map(|m| m * 1e3),

@@ -3,10 +3,13 @@
 //!
 //! [`draw`] makes one scenario from the suite's seed, the surface and the number of the draw alone,
 //! so any draw can be repeated by itself. [`judge`] reads what a run shows, and [`SuiteReport`]
-//! gathers the runs of a suite in one table. The caller runs the scenarios: `core/` has no threads.
+//! gathers the runs of a suite in two tables: by surface, and by what was drawn. The caller runs
+//! the scenarios: `core/` has no threads.
 
+mod conditions;
 mod dice;
 mod draw;
+mod figures;
 mod judgement;
 mod placement;
 mod ranges;
@@ -14,9 +17,11 @@ mod report;
 mod surface_kind;
 mod table;
 
+pub use conditions::Conditions;
 pub use draw::{Draw, draw};
+pub use figures::{Figures, MeanAndP95, NormalFigures};
 pub use judgement::{Judgement, judge};
-pub use report::{MeanAndP95, NormalFigures, Row, SuiteReport};
+pub use report::{ConditionRow, Row, SuiteReport};
 pub use surface_kind::SurfaceKind;
 
 use crate::scenario_file::ScenarioError;

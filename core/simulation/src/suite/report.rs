@@ -1,62 +1,33 @@
-//! The table of a suite: one row per surface.
+//! The tables of a suite: one row per surface, and the same runs by what was drawn.
 
 use serde::Serialize;
 
+use super::conditions::{GROUPS, Group};
+use super::figures::Figures;
 use super::judgement::Judgement;
 use super::surface_kind::SurfaceKind;
 use crate::digest::TextDigest;
 
-/// Mean and 95th percentile.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct MeanAndP95 {
-    /// Mean over the draws.
-    pub mean: Option<f64>,
-    /// 95th percentile over all cycles, each draw with the same weight.
-    pub p95: Option<f64>,
-}
-
-/// Figures of the estimated normal, from 1 s after first contact, degrees.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct NormalFigures {
-    /// Mean over the draws of their means.
-    pub mean: Option<f64>,
-    /// 95th percentile over all cycles, each draw with the same weight.
-    pub p95: Option<f64>,
-    /// Highest mean of a draw.
-    pub worst_mean: Option<f64>,
-}
-
-/// One surface of the table. A figure that no draw has is null.
+/// One surface of the first table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Name of the surface.
     pub surface: &'static str,
-    /// Number of draws.
-    pub draws: usize,
-    /// Share of the draws that were completed, percent.
-    pub completed_percent: f64,
-    /// Error of the estimated normal.
-    pub normal_deg: NormalFigures,
-    /// Travel until the normal is found, of the draws that landed 10 to 25° off: 95th percentile,
-    /// mm. A draw that never found it counts as infinite, which is null.
-    pub settle_mm_p95: Option<f64>,
-    /// Angle of the tool against the true normal.
-    pub tool_deg: MeanAndP95,
-    /// Mean over the draws of their NEES per degree of freedom.
-    pub nees_per_dof: Option<f64>,
-    /// Force error while sliding: root mean square over the draws, percent of the reference.
-    pub force_rmse_percent: Option<f64>,
-    /// Force error of all phases, percent of the reference.
-    pub force_rmse_all_percent: Option<f64>,
-    /// Highest contact force, N.
-    pub peak_n_max: f64,
-    /// Highest contact force over `max(2 x reference, 10 N)`.
-    pub peak_ratio_max: f64,
-    /// Mean number of contacts lost.
-    pub lost_mean: f64,
-    /// Command that shows the worst draw again: one that was not completed before one that was,
-    /// then the one with the highest peak or the highest mean error, each relative to its goal.
-    pub worst: String,
+    /// Figures of its runs.
+    #[serde(flatten)]
+    pub figures: Figures,
+}
+
+/// One row of the second table: the runs of all surfaces that have something drawn in common.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ConditionRow {
+    /// What was drawn, with its unit, for instance `force, N`; `all` for the row of all runs.
+    pub kind: &'static str,
+    /// Range or name that the runs have in common, for instance `1-2`.
+    pub condition: &'static str,
+    /// Figures of these runs.
+    #[serde(flatten)]
+    pub figures: Figures,
 }
 
 /// Result of a suite. The caller adds the wall time, as `core/` has no clock.
@@ -76,15 +47,12 @@ pub struct SuiteReport {
     pub digest: String,
     /// One row per surface.
     pub rows: Vec<Row>,
+    /// The same runs by what was drawn, after a row of all runs. Groups without runs are left out.
+    pub conditions: Vec<ConditionRow>,
     /// All runs, by surface and number.
     #[serde(skip)]
     pub runs: Vec<Judgement>,
 }
-
-/// Landing angle from which a draw counts for `settle_mm_p95`, degrees.
-const LANDED_OFF_DEG: f64 = 10.0;
-/// Goal for the mean error of the normal in the worst draw, degrees.
-const WORST_MEAN_GOAL_DEG: f64 = 3.0;
 
 impl SuiteReport {
     /// Gathers runs, in any order, of a suite with `draws` per surface and a seed.
@@ -94,14 +62,6 @@ impl SuiteReport {
         for run in &runs {
             digest.add(&run.digest);
         }
-        let rows = SurfaceKind::ALL
-            .into_iter()
-            .filter_map(|surface| {
-                let of_surface: Vec<&Judgement> =
-                    runs.iter().filter(|run| run.surface == surface).collect();
-                Row::of(surface, seed, &of_surface)
-            })
-            .collect();
         Self {
             suite: "contact",
             draws,
@@ -109,7 +69,8 @@ impl SuiteReport {
             wall_s: None,
             real_time_factor: None,
             digest: digest.finish(),
-            rows,
+            rows: rows(seed, &runs),
+            conditions: conditions(seed, &runs),
             runs,
         }
     }
@@ -123,77 +84,29 @@ impl SuiteReport {
     }
 }
 
-impl Row {
-    /// Row of the runs on a surface; `None` without runs.
-    fn of(surface: SurfaceKind, seed: u64, runs: &[&Judgement]) -> Option<Self> {
-        let worst = runs.iter().copied().max_by(|a, b| {
-            let key = |run: &Judgement| {
-                let normal = run.normal_mean_deg.unwrap_or(0.0) / WORST_MEAN_GOAL_DEG;
-                (!run.completed, run.peak_ratio.max(normal))
-            };
-            let ((a_failed, a_size), (b_failed, b_size)) = (key(a), key(b));
-            a_failed.cmp(&b_failed).then(a_size.total_cmp(&b_size))
-        })?;
-        let count = runs.len() as f64;
-        let values = |pick: &dyn Fn(&Judgement) -> Option<f64>| -> Vec<f64> {
-            runs.iter().filter_map(|run| pick(run)).collect()
-        };
-        let root_mean_square = |pick: &dyn Fn(&Judgement) -> Option<f64>| {
-            mean(&values(&|run| pick(run).map(|x| x * x))).map(f64::sqrt)
-        };
-        let normal = values(&|run| run.normal_mean_deg);
-        let settle = runs
-            .iter()
-            .filter(|run| run.landed_deg >= LANDED_OFF_DEG)
-            .map(|run| run.settle_mm.unwrap_or(f64::INFINITY))
-            .collect();
-        let pooled = |pick: &dyn Fn(&Judgement) -> &Vec<f64>| {
-            percentile_95(runs.iter().flat_map(|run| pick(run).clone()).collect())
-        };
-        let highest =
-            |pick: &dyn Fn(&Judgement) -> f64| runs.iter().map(|run| pick(run)).fold(0.0, f64::max);
-        Some(Self {
+/// Figures of the runs that are of a group.
+fn figures(seed: u64, runs: &[Judgement], is_of: impl Fn(&Judgement) -> bool) -> Option<Figures> {
+    let some: Vec<&Judgement> = runs.iter().filter(|run| is_of(run)).collect();
+    Figures::of(seed, &some)
+}
+
+fn rows(seed: u64, runs: &[Judgement]) -> Vec<Row> {
+    let row = |surface: SurfaceKind| {
+        Some(Row {
             surface: surface.name(),
-            draws: runs.len(),
-            completed_percent: 100.0 * runs.iter().filter(|run| run.completed).count() as f64
-                / count,
-            normal_deg: NormalFigures {
-                mean: mean(&normal),
-                p95: pooled(&|run| &run.normal_quantiles),
-                worst_mean: normal.iter().copied().reduce(f64::max),
-            },
-            settle_mm_p95: percentile_95(settle).filter(|mm| mm.is_finite()),
-            tool_deg: MeanAndP95 {
-                mean: mean(&values(&|run| run.tool_mean_deg)),
-                p95: pooled(&|run| &run.tool_quantiles),
-            },
-            nees_per_dof: mean(&values(&|run| run.nees_per_dof)),
-            force_rmse_percent: root_mean_square(&|run| run.force_rmse_percent),
-            force_rmse_all_percent: root_mean_square(&|run| run.force_rmse_all_percent),
-            peak_n_max: highest(&|run| run.peak_n),
-            peak_ratio_max: highest(&|run| run.peak_ratio),
-            lost_mean: runs.iter().map(|run| run.lost as f64).sum::<f64>() / count,
-            worst: again(worst, seed),
+            figures: figures(seed, runs, |run| run.surface == surface)?,
         })
-    }
+    };
+    SurfaceKind::ALL.into_iter().filter_map(row).collect()
 }
 
-/// Command that shows a run again.
-fn again(run: &Judgement, seed: u64) -> String {
-    format!(
-        "tangent evaluate --suite contact --surface {} --draw {} --seed {seed}",
-        run.surface.name(),
-        run.number
-    )
-}
-
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// 95th percentile by nearest rank.
-fn percentile_95(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let rank = (0.95 * values.len() as f64).ceil() as usize;
-    values.get(rank.saturating_sub(1)).copied()
+fn conditions(seed: u64, runs: &[Judgement]) -> Vec<ConditionRow> {
+    let row = |group: &Group| {
+        Some(ConditionRow {
+            kind: group.kind,
+            condition: group.name,
+            figures: figures(seed, runs, |run| (group.holds)(&run.conditions))?,
+        })
+    };
+    GROUPS.iter().filter_map(row).collect()
 }

@@ -3,7 +3,9 @@
 //! `INSTA_UPDATE=always cargo test --profile ci -p tangent-simulation --test integration suite`
 //! stores the figures anew.
 
-use tangent_simulation::suite::{Draw, Judgement, SuiteReport, SurfaceKind, draw, run};
+use tangent_simulation::suite::{
+    ConditionRow, Draw, Figures, Judgement, SuiteReport, SurfaceKind, draw, run,
+};
 
 const DRAWS: u64 = 2;
 const SEED: u64 = 1;
@@ -53,12 +55,124 @@ fn two_draws_of_every_surface_have_their_stored_figures_in_any_order() {
     let report = SuiteReport::of(DRAWS, SEED, forwards);
     assert_eq!(report, SuiteReport::of(DRAWS, SEED, backwards));
     assert_eq!(report.rows.len(), SurfaceKind::ALL.len());
+    assert_the_conditions_add_up(&report);
+    assert_the_csv_has_all_fields(&report);
+    assert_json_and_page_have_both_tables(&report);
     let table = report.to_string();
     assert!(
         table.lines().all(|line| line.chars().count() <= 80),
         "{table}"
     );
     insta::assert_snapshot!(table);
+}
+
+/// The groups of one kind have all runs, and together the figures of the first row.
+fn assert_the_conditions_add_up(report: &SuiteReport) {
+    let all = &report.conditions[0];
+    assert_eq!((all.kind, all.condition), ("all", "all"));
+    assert_eq!(all.figures.draws, report.runs.len());
+    for kinds in [
+        &["all"] as &[&str],
+        &["force, N"],
+        &["stiffness of hard tips, kN/m", "tip: soft"],
+        &["tip"],
+        &["landed off, deg"],
+        &["friction"],
+        &["speed, mm/s"],
+        &["robot"],
+    ] {
+        let groups = || {
+            report.conditions.iter().filter(|row| {
+                let name = format!("{}: {}", row.kind, row.condition);
+                kinds.contains(&row.kind) || kinds.contains(&name.as_str())
+            })
+        };
+        let sum = |of: fn(&Figures) -> f64| -> f64 {
+            let sum_of_group = |row: &ConditionRow| of(&row.figures) * row.figures.draws as f64;
+            groups().map(sum_of_group).sum::<f64>() / all.figures.draws as f64
+        };
+        assert!((sum(|_| 1.0) - 1.0).abs() < 1e-9, "{kinds:?}");
+        let completed = sum(|figures| figures.completed_percent);
+        assert!(
+            (completed - all.figures.completed_percent).abs() < 1e-9,
+            "{kinds:?}: {completed}"
+        );
+        let lost = sum(|figures| figures.lost_mean);
+        assert!(
+            (lost - all.figures.lost_mean).abs() < 1e-9,
+            "{kinds:?}: {lost}"
+        );
+        // Every run slides: none is missing from the mean.
+        let square = |figures: &Figures| figures.force_rmse_percent.unwrap().powi(2);
+        let (groups_rms, all_rms) = (sum(square).sqrt(), square(&all.figures).sqrt());
+        assert!((groups_rms - all_rms).abs() < 1e-9, "{kinds:?}");
+        let peak_n = groups()
+            .map(|row| row.figures.peak_n_max)
+            .fold(0.0, f64::max);
+        assert_eq!(peak_n, all.figures.peak_n_max, "{kinds:?}");
+    }
+    let surfaces = report.rows.iter().map(|row| row.figures.peak_n_max);
+    assert_eq!(surfaces.fold(0.0, f64::max), all.figures.peak_n_max);
+    assert!(report.conditions.iter().all(|row| row.figures.draws > 0));
+}
+
+/// Number of fields of a line of CSV; commas between quotes separate none.
+fn fields(line: &str) -> usize {
+    let outside_quotes = line.split('"').step_by(2);
+    1 + outside_quotes
+        .map(|part| part.matches(',').count())
+        .sum::<usize>()
+}
+
+fn assert_the_csv_has_all_fields(report: &SuiteReport) {
+    let csv = report.csv();
+    let header = csv.lines().next().unwrap();
+    for column in [
+        "reference_n",
+        "stiffness_kn_per_m",
+        "tip",
+        "stated_tip",
+        "landed_deg",
+        "friction",
+        "speed_mm_per_s",
+        "robot",
+    ] {
+        assert_eq!(
+            header.split(',').filter(|&name| name == column).count(),
+            1,
+            "{header}"
+        );
+    }
+    assert_eq!(csv.lines().count(), 1 + report.runs.len());
+    for line in csv.lines() {
+        assert_eq!(fields(line), fields(header), "{line}");
+    }
+}
+
+fn assert_json_and_page_have_both_tables(report: &SuiteReport) {
+    let json = serde_json::to_value(report).unwrap();
+    let keys = |row: &serde_json::Value| -> Vec<String> {
+        row.as_object().unwrap().keys().cloned().collect()
+    };
+    let (surface, drawn) = (&json["rows"][0], &json["conditions"][1]);
+    assert_eq!(surface["surface"], "pipe");
+    assert_eq!(
+        (&drawn["kind"], &drawn["condition"]),
+        (&"force, N".into(), &"1-2".into())
+    );
+    let figures = |row| {
+        let names = ["surface", "kind", "condition"];
+        let mut keys = keys(row);
+        keys.retain(|key| !names.contains(&key.as_str()));
+        keys
+    };
+    assert_eq!(figures(surface), figures(drawn));
+    assert!(drawn["worst"].as_str().unwrap().contains("--draw"));
+    let page = report.html();
+    for row in &report.conditions[1..] {
+        let cell = format!("<td>{}: {}</td>", row.kind, row.condition);
+        assert!(page.contains(&cell), "{cell}");
+    }
 }
 
 /// Tools that give sideways by 2 to 4 mm before the tip slides. A filter that takes this motion for
