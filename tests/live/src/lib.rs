@@ -33,7 +33,7 @@ const STILL_MAX: Duration = Duration::from_millis(10);
 const STOLEN_MAX: f64 = 0.25;
 /// Longest wait of an ordinary thread for a core that does not invalidate a run beside other tests.
 /// The other tests can take that much, so the run says nothing about the system under test.
-const WAIT_MAX: Duration = Duration::from_millis(50);
+const WAIT_MAX: Duration = Duration::from_millis(20);
 /// Number of tests that run beside each other, per core: a simulated UR at 125 Hz and its services
 /// need a tenth to a fifth of one.
 const PLACES_PER_CORE: usize = 2;
