@@ -181,7 +181,7 @@ impl SuiteReport {
             "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>suite contact</title>\n<style>\
              body{font:14px sans-serif;margin:2em}table{border-collapse:collapse;margin:1em 0}\
              td,th{padding:.2em .6em;border-bottom:1px solid #ccc;text-align:right}\
-             td:first-child,th:first-child{text-align:left}.no{background:#fdd}</style>\n",
+             td:first-child,th:first-child{text-align:left}code{white-space:nowrap}.no{background:#fdd}</style>\n",
         );
         // Writing to a string cannot fail.
         let _ = writeln!(
