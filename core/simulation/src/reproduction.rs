@@ -4,6 +4,7 @@
 use serde::Serialize;
 
 use crate::evaluation::Evaluation;
+use crate::metrics::{Spread, mean};
 
 /// One figure of one row of one table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -89,7 +90,7 @@ impl Row {
         values: Option<&[f64]>,
     ) -> Self {
         let here = match metric.over {
-            Over::Mean | Over::EverySeed => values.map(mean),
+            Over::Mean | Over::EverySeed => values.and_then(mean),
             Over::Median => values.and_then(median),
         };
         let worst = values.and_then(|values| {
@@ -127,14 +128,7 @@ pub(crate) fn picked(
     values.filter(|values| !values.is_empty())
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
 /// Median; `None` without values.
 pub(crate) fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let n = sorted.len();
-    (n > 0).then(|| 0.5 * (sorted[(n - 1) / 2] + sorted[n / 2]))
+    Spread::of(&mut values.to_vec()).map(|spread| spread.median)
 }

@@ -32,7 +32,8 @@ const STILL_MAX: Duration = Duration::from_millis(10);
 /// Largest share of its time that the host may take without invalidating a test.
 const STOLEN_MAX: f64 = 0.25;
 /// Longest wait of an ordinary thread for a core that does not invalidate a run beside other tests.
-/// The other tests can take that much, so the run says nothing about the system under test.
+/// The other tests can take that much, so the run says nothing about the system under test: an
+/// answer passes through several threads of several processes, each of which may wait like that.
 const WAIT_MAX: Duration = Duration::from_millis(20);
 /// Number of tests that run beside each other, per core: a simulated UR at 125 Hz and its services
 /// need a tenth to a fifth of one.

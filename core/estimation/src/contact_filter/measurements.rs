@@ -29,7 +29,8 @@ const JUMP_SD: f64 = 3.0;
 /// Standard deviations beyond which a height gets less weight. An error of the slope adds up in the
 /// height, so that what looks like an outlier is news.
 const HEIGHT_HUBER_SD: f64 = 20.0;
-/// The same of a touch beside a lost contact: a ledge may be between them.
+/// Standard deviations beyond which the height of a touch beside a lost contact gets less weight: a
+/// ledge may be between them.
 const TOUCH_HUBER_SD: f64 = 4.0;
 
 impl ContactFilter {

@@ -20,9 +20,9 @@ pub use normals::{NormalFigures, angle_deg, nees_of_normal};
 pub use sample::{CycleSample, EstimateSample, TruthSample};
 pub use span::SETTLING_LEFT_OUT_S;
 pub use spread::Spread;
+pub(crate) use spread::{mean, root_mean_square};
 
 use span::meant_to_touch;
-use spread::{mean, root_mean_square};
 
 /// Figures of the path, in the sliding phase.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

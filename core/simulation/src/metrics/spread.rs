@@ -59,12 +59,12 @@ pub(super) fn percentile_95(sorted: &[f64]) -> f64 {
 }
 
 /// Arithmetic mean; `None` if there are no values.
-pub(super) fn mean(values: &[f64]) -> Option<f64> {
+pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Root of the mean square; `None` if there are no values.
-pub(super) fn root_mean_square(values: &[f64]) -> Option<f64> {
+pub(crate) fn root_mean_square(values: &[f64]) -> Option<f64> {
     (!values.is_empty())
         .then(|| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
 }

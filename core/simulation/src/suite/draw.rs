@@ -9,6 +9,7 @@ use tangent_control::{
 use tangent_estimation::EstimatorConfig;
 use tangent_mechanics::Tip;
 
+use super::conditions::Conditions;
 use super::dice::Dice;
 use super::placement::{Crossing, Placement};
 use super::ranges;
@@ -63,7 +64,7 @@ impl fmt::Display for Draw {
     /// What was drawn, in a few lines.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plant = &self.scenario.plant;
-        let contact = &plant.contact;
+        let drawn = Conditions::of(self);
         let tip = |tip: &Tip| match tip.radius_m() {
             Some(radius_m) => format!("{} {:.1} mm", tip.name(), radius_m * 1e3),
             None => tip.name().to_owned(),
@@ -74,16 +75,13 @@ impl fmt::Display for Draw {
             self.number,
             self.surface.name(),
             self.seed,
-            plant.robot,
+            drawn.robot,
             1.0 / plant.arm.period_s
         )?;
         writeln!(
             f,
             "  {:.1} kN/m, friction {:.2}, {:.1} N, landed {:.1} deg off",
-            contact.stiffness_n_per_m * 1e-3,
-            contact.friction.coulomb_coefficient,
-            self.scenario.task.force.reference_n,
-            plant.start.tilt_rad.to_degrees()
+            drawn.stiffness_kn_per_m, drawn.friction, drawn.reference_n, drawn.landed_deg
         )?;
         write!(
             f,

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::conditions::LANDED_OFF_DEG;
 use super::judgement::Judgement;
+use crate::metrics::{Spread, mean, root_mean_square};
 
 /// Mean and 95th percentile.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -74,9 +75,6 @@ impl Figures {
         let values = |pick: &dyn Fn(&Judgement) -> Option<f64>| -> Vec<f64> {
             runs.iter().filter_map(|run| pick(run)).collect()
         };
-        let root_mean_square = |pick: &dyn Fn(&Judgement) -> Option<f64>| {
-            mean(&values(&|run| pick(run).map(|x| x * x))).map(f64::sqrt)
-        };
         let normal = values(&|run| run.normal_mean_deg);
         let settle = runs
             .iter()
@@ -103,8 +101,8 @@ impl Figures {
                 p95: pooled(&|run| &run.tool_quantiles),
             },
             nees_per_dof: mean(&values(&|run| run.nees_per_dof)),
-            force_rmse_percent: root_mean_square(&|run| run.force_rmse_percent),
-            force_rmse_all_percent: root_mean_square(&|run| run.force_rmse_all_percent),
+            force_rmse_percent: root_mean_square(&values(&|run| run.force_rmse_percent)),
+            force_rmse_all_percent: root_mean_square(&values(&|run| run.force_rmse_all_percent)),
             peak_n_max: highest(&|run| run.peak_n),
             peak_ratio_max: highest(&|run| run.peak_ratio),
             lost_mean: runs.iter().map(|run| run.lost as f64).sum::<f64>() / count,
@@ -122,13 +120,7 @@ fn again(run: &Judgement, seed: u64) -> String {
     )
 }
 
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
-}
-
-/// 95th percentile by nearest rank.
+/// 95th percentile; `None` without values.
 fn percentile_95(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let rank = (0.95 * values.len() as f64).ceil() as usize;
-    values.get(rank.saturating_sub(1)).copied()
+    Spread::of(&mut values).map(|spread| spread.p95)
 }

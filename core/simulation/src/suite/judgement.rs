@@ -8,7 +8,7 @@ use super::conditions::Conditions;
 use super::draw::Draw;
 use super::surface_kind::SurfaceKind;
 use crate::evaluation::Evaluation;
-use crate::metrics::{CycleSample, SETTLING_LEFT_OUT_S, angle_deg};
+use crate::metrics::{CycleSample, SETTLING_LEFT_OUT_S, angle_deg, mean};
 
 /// Quantiles that stand for the angles of a run: each run weighs the same in a row, however long
 /// it took.
@@ -126,10 +126,6 @@ fn completed(draw: &Draw, evaluation: &Evaluation) -> bool {
         return ended_as(Fault::SurfaceLost) || ended_as(Fault::SurfaceEnds);
     }
     evaluation.phase == Phase::Done.name() && evaluation.fault.is_none()
-}
-
-fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
 /// Evenly spaced quantiles; empty for no values.

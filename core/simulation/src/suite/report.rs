@@ -47,7 +47,8 @@ pub struct SuiteReport {
     pub digest: String,
     /// One row per surface.
     pub rows: Vec<Row>,
-    /// The same runs by what was drawn, after a row of all runs. Groups without runs are left out.
+    /// One row of all runs, then one per group of runs by what was drawn; groups without runs are
+    /// left out.
     pub conditions: Vec<ConditionRow>,
     /// All runs, by surface and number.
     #[serde(skip)]
