@@ -3,9 +3,6 @@
 use std::ops::RangeBounds;
 
 use serde::Serialize;
-use tangent_mechanics::Tip;
-
-use super::draw::Draw;
 
 /// What was drawn for a run, of what the second table tells apart. Values that were overridden are
 /// those of the run.
@@ -27,24 +24,6 @@ pub struct Conditions {
     pub speed_mm_per_s: f64,
     /// Model of the robot: `ur5`, at 125 Hz, or `ur5e`, at 500 Hz.
     pub robot: String,
-}
-
-impl Conditions {
-    /// Conditions of a draw.
-    pub fn of(draw: &Draw) -> Self {
-        let scenario = &draw.scenario;
-        let (plant, task) = (&scenario.plant, &scenario.task);
-        Self {
-            reference_n: task.force.reference_n,
-            stiffness_kn_per_m: plant.contact.stiffness_n_per_m / 1e3,
-            tip: plant.tool.tip.as_ref().map_or("pad", Tip::name),
-            stated_tip: scenario.estimation.contact.tip.name(),
-            landed_deg: plant.start.tilt_rad.to_degrees(),
-            friction: plant.contact.friction.coulomb_coefficient,
-            speed_mm_per_s: task.path.speed_m_per_s() * 1e3,
-            robot: plant.robot.clone(),
-        }
-    }
 }
 
 /// Runs that have something drawn in common: a row of the second table.
@@ -134,7 +113,7 @@ mod tests {
         let numbers = |surface| (0..20).map(move |number| draw(surface, number, 1));
         let mut members = vec![0; GROUPS.len()];
         for draw in SurfaceKind::ALL.into_iter().flat_map(numbers) {
-            let conditions = Conditions::of(&draw);
+            let conditions = draw.conditions();
             for kind in [ALL, FORCE, TIP, LANDED, FRICTION, SPEED, ROBOT] {
                 assert_eq!(groups_of(&conditions, kind), 1, "{kind}: {draw}");
             }
@@ -149,7 +128,7 @@ mod tests {
 
     #[test]
     fn the_ranges_of_a_kind_follow_one_another_and_are_those_of_their_names() {
-        let some = || Conditions::of(&draw(SurfaceKind::Plane, 0, 1));
+        let some = || draw(SurfaceKind::Plane, 0, 1).conditions();
         type Set = fn(&mut Conditions, f64);
         let kinds: [(&str, Set); 5] = [
             (FORCE, |c, x| c.reference_n = x),
@@ -180,27 +159,5 @@ mod tests {
             set(&mut conditions, end.unwrap() + 1e-9);
             assert_eq!(groups_of(&conditions, kind), 0, "{kind}: beyond");
         }
-    }
-
-    #[test]
-    fn conditions_are_those_of_the_run() {
-        let overrides = [
-            "task.force.reference_n=7",
-            "plant.contact.stiffness_n_per_m=20000",
-            "task.path={kind='line',to_m=[0.1,0.0],speed_m_per_s=0.04}",
-            "estimation.contact.tip={shape='unknown'}",
-        ];
-        let draw = draw(SurfaceKind::Plane, 0, 1)
-            .with_overrides(&overrides.map(str::to_owned))
-            .unwrap();
-        let conditions = Conditions::of(&draw);
-        assert_eq!(conditions.reference_n, 7.0);
-        assert_eq!(conditions.stiffness_kn_per_m, 20.0);
-        assert_eq!(conditions.speed_mm_per_s, 40.0);
-        assert_eq!(conditions.stated_tip, "unknown");
-        assert_eq!(
-            Some(conditions.tip),
-            draw.scenario.plant.tool.tip.as_ref().map(Tip::name)
-        );
     }
 }

@@ -58,13 +58,29 @@ impl Draw {
         let scenario = AdmittanceScenario::parse(name, &text, overrides, &no_files)?;
         Ok(Self { scenario, ..self })
     }
+
+    /// What the suite's second table tells apart.
+    pub fn conditions(&self) -> Conditions {
+        let scenario = &self.scenario;
+        let (plant, task) = (&scenario.plant, &scenario.task);
+        Conditions {
+            reference_n: task.force.reference_n,
+            stiffness_kn_per_m: plant.contact.stiffness_n_per_m / 1e3,
+            tip: plant.tool.tip.as_ref().map_or("pad", Tip::name),
+            stated_tip: scenario.estimation.contact.tip.name(),
+            landed_deg: plant.start.tilt_rad.to_degrees(),
+            friction: plant.contact.friction.coulomb_coefficient,
+            speed_mm_per_s: task.path.speed_m_per_s() * 1e3,
+            robot: plant.robot.clone(),
+        }
+    }
 }
 
 impl fmt::Display for Draw {
     /// What was drawn, in a few lines.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plant = &self.scenario.plant;
-        let drawn = Conditions::of(self);
+        let drawn = self.conditions();
         let tip = |tip: &Tip| match tip.radius_m() {
             Some(radius_m) => format!("{} {:.1} mm", tip.name(), radius_m * 1e3),
             None => tip.name().to_owned(),
@@ -336,5 +352,32 @@ fn task(force_n: f64, path: PathSpec, x_axis: Vector3<f64>) -> Task {
         learning: None,
         only_leaves: false,
         ..Task::leave(force_n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conditions_are_those_of_the_run() {
+        let overrides = [
+            "task.force.reference_n=7",
+            "plant.contact.stiffness_n_per_m=20000",
+            "task.path={kind='line',to_m=[0.1,0.0],speed_m_per_s=0.04}",
+            "estimation.contact.tip={shape='unknown'}",
+        ];
+        let draw = draw(SurfaceKind::Plane, 0, 1)
+            .with_overrides(&overrides.map(str::to_owned))
+            .unwrap();
+        let conditions = draw.conditions();
+        assert_eq!(conditions.reference_n, 7.0);
+        assert_eq!(conditions.stiffness_kn_per_m, 20.0);
+        assert_eq!(conditions.speed_mm_per_s, 40.0);
+        assert_eq!(conditions.stated_tip, "unknown");
+        assert_eq!(
+            Some(conditions.tip),
+            draw.scenario.plant.tool.tip.as_ref().map(Tip::name)
+        );
     }
 }

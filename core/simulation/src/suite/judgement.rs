@@ -101,7 +101,7 @@ pub fn judge(
         completed: completed(draw, evaluation),
         phase: evaluation.phase,
         fault: evaluation.fault,
-        conditions: Conditions::of(draw),
+        conditions: draw.conditions(),
         normal_mean_deg: mean(&normal),
         tool_mean_deg: mean(&tool),
         settle_mm: figures.normal_found_after_m.map(|m| m * 1e3),
