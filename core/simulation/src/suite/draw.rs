@@ -34,8 +34,6 @@ pub struct Draw {
     pub number: u64,
     /// Cell and task.
     pub scenario: AdmittanceScenario,
-    /// What the law and the estimators are told of the tip.
-    pub stated_tip: Tip,
     /// Whether the path leaves the surface, so that the task has to end early.
     pub leaves_surface: bool,
 }
@@ -103,7 +101,7 @@ impl fmt::Display for Draw {
             f,
             "  tip {}, stated as {}",
             plant.tool.tip.as_ref().map_or_else(String::new, tip),
-            tip(&self.stated_tip)
+            tip(&self.scenario.estimation.contact.tip)
         )
     }
 }
@@ -171,7 +169,6 @@ pub fn draw(surface: SurfaceKind, number: u64, seed: u64) -> Draw {
         surface,
         number,
         scenario,
-        stated_tip,
         leaves_surface: place.crossing == Crossing::Leaves,
     }
 }
@@ -379,5 +376,7 @@ mod tests {
             Some(conditions.tip),
             draw.scenario.plant.tool.tip.as_ref().map(Tip::name)
         );
+        let text = draw.to_string();
+        assert!(text.ends_with("stated as unknown"), "{text}");
     }
 }
