@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use common::{Process, port_offset, root, wait_for};
 use serde_json::Value;
-use tangent_live::live_beside_others;
+use tangent_live::{live, live_beside_others};
 use tangent_runtime::{Bus, CellConfig, Role};
 use tangent_schemas::standard::PoseWithCovarianceStamped;
 use tangent_schemas::tangent::{ControlState, Health};
@@ -338,11 +338,11 @@ fn echoes(ask: &dyn Fn(&[&str]) -> Vec<Value>) {
     }
 }
 
-/// Nodes of ROS 2 and the cell talk for `seconds`, and at most this share of a topic's messages is
-/// missing.
-fn soak(seconds: u64, missing_max: f64) {
+/// Nodes of ROS 2 and the cell talk for `seconds`, and at most a hundredth of a topic's messages is
+/// missing: alone on the machine, because messages that a program is too slow for are dropped.
+fn soak(seconds: u64) {
     let Some(peer) = peer() else { return };
-    live_beside_others(|| {
+    live(|| {
         let cell = Cell::start();
         let poses = cell.bus.subscribe(&topics::BASE_POSE, 100_000).unwrap();
         let figures = run(
@@ -356,19 +356,20 @@ fn soak(seconds: u64, missing_max: f64) {
         for topic in ["arm/state", "joint_states", "wrench/tool"] {
             let counts = &figures["topics"][topic];
             let number = |what: &str| counts[what].as_f64().unwrap();
-            // 100 Hz on an idle machine; half of that on one that is busy.
+            // 100 Hz on an idle machine; half of that where builds take a core.
             assert!(
                 number("received") > 50.0 * seconds as f64,
                 "{topic}: {figures}"
             );
             assert!(
-                number("missing") <= missing_max * number("received"),
+                number("missing") <= 0.01 * number("received"),
                 "{topic}: {figures}"
             );
             assert_eq!(number("backwards"), 0.0, "{topic}: {figures}");
             assert_eq!(number("publishers"), 1.0, "{topic}: {figures}");
         }
-        assert_eq!(figures["called"], figures["answered"], "{figures}");
+        let unanswered = figures["unanswered"].as_array().unwrap();
+        assert!(unanswered.is_empty(), "{figures}");
         assert!(
             figures["called"].as_u64().unwrap() > seconds / 4,
             "{figures}"
@@ -389,14 +390,12 @@ fn soak(seconds: u64, missing_max: f64) {
 
 #[test]
 fn a_minute_of_topics_poses_and_calls() {
-    // The peer is not optimised, and messages that it is too slow for are dropped: beside other
-    // tests, some are missing.
-    soak(60, 0.2);
+    soak(60);
 }
 
 /// Ten minutes: `cargo test --release --test ros2 -- --ignored soak`.
 #[test]
 #[ignore = "lasts ten minutes"]
 fn soak_of_ten_minutes() {
-    soak(600, 0.01);
+    soak(600);
 }

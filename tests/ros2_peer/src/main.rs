@@ -383,7 +383,9 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
         .create_client::<std_srvs::srv::Trigger>(&format!("/{prefix}/status"))
         .build()?;
     let begin = Instant::now();
-    let (mut poses, mut called, mut answered) = (0_u64, 0_u64, 0_u64);
+    let (mut poses, mut called) = (0_u64, 0_u64);
+    let mut unanswered: Vec<String> = Vec::new();
+    let (mut longest_publish, mut longest_turn) = (Duration::ZERO, Duration::ZERO);
     let mut counts: [Counts; 3] = Default::default();
     let count = |sample: &zenoh::sample::Sample, counts: &mut Counts| -> Result<()> {
         let attachment = sample.attachment().ok_or("no attachment")?;
@@ -391,25 +393,26 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
         Ok(())
     };
     std::thread::scope(|scope| -> Result<()> {
-        let calls = scope.spawn(|| -> Result<(u64, u64)> {
-            let (mut called, mut answered) = (0, 0);
+        let calls = scope.spawn(|| -> Result<(u64, Vec<String>)> {
+            let (mut called, mut unanswered) = (0, Vec::new());
             let runtime = tokio::runtime::Runtime::new()?;
             while begin.elapsed() < lasts {
                 called += 1;
                 let request = std_srvs::TriggerRequest::default();
                 let call = client.call_with_timeout(&request, Duration::from_secs(10));
-                if runtime
-                    .block_on(call)
-                    .is_ok_and(|response| response.success)
-                {
-                    answered += 1;
+                match runtime.block_on(call) {
+                    Ok(response) if response.success => {}
+                    Ok(response) => unanswered.push(response.message),
+                    Err(error) => unanswered.push(error.to_string()),
                 }
                 std::thread::sleep(Duration::from_secs(1));
             }
-            Ok((called, answered))
+            Ok((called, unanswered))
         });
         while begin.elapsed() < lasts {
+            let turn = Instant::now();
             publisher.publish(&pose(poses, 50.0))?;
+            longest_publish = longest_publish.max(turn.elapsed());
             poses += 1;
             let due = begin + Duration::from_secs_f64(poses as f64 / 50.0);
             while arm.is_ready() {
@@ -422,8 +425,9 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
                 count(&wrench.recv_serialized()?, &mut counts[2])?;
             }
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
+            longest_turn = longest_turn.max(turn.elapsed());
         }
-        (called, answered) = calls.join().map_err(|_| "the calling thread panicked")??;
+        (called, unanswered) = calls.join().map_err(|_| "the calling thread panicked")??;
         Ok(())
     })?;
     let topics: BTreeMap<&str, Value> = ["arm/state", "joint_states", "wrench/tool"]
@@ -445,7 +449,9 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
         "topics": topics,
         "poses": poses,
         "called": called,
-        "answered": answered,
+        "unanswered": unanswered,
+        "longest_publish_s": longest_publish.as_secs_f64(),
+        "longest_turn_s": longest_turn.as_secs_f64(),
     }));
     Ok(())
 }
