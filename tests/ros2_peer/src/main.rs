@@ -383,8 +383,7 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
         .create_client::<std_srvs::srv::Trigger>(&format!("/{prefix}/status"))
         .build()?;
     let begin = Instant::now();
-    let (mut poses, mut called) = (0_u64, 0_u64);
-    let mut unanswered: Vec<String> = Vec::new();
+    let mut poses = 0_u64;
     let (mut longest_publish, mut longest_turn) = (Duration::ZERO, Duration::ZERO);
     let mut counts: [Counts; 3] = Default::default();
     let count = |sample: &zenoh::sample::Sample, counts: &mut Counts| -> Result<()> {
@@ -392,7 +391,7 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
         counts.take(&Attachment::try_from(attachment)?);
         Ok(())
     };
-    std::thread::scope(|scope| -> Result<()> {
+    let (called, unanswered) = std::thread::scope(|scope| {
         let calls = scope.spawn(|| -> Result<(u64, Vec<String>)> {
             let (mut called, mut unanswered) = (0, Vec::new());
             let runtime = tokio::runtime::Runtime::new()?;
@@ -427,8 +426,7 @@ fn soak(node: &ZNode, prefix: &str, pose_topic: &str, lasts: Duration) -> Result
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
             longest_turn = longest_turn.max(turn.elapsed());
         }
-        (called, unanswered) = calls.join().map_err(|_| "the calling thread panicked")??;
-        Ok(())
+        calls.join().map_err(|_| "the calling thread panicked")?
     })?;
     let topics: BTreeMap<&str, Value> = ["arm/state", "joint_states", "wrench/tool"]
         .into_iter()
