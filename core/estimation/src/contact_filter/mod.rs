@@ -22,6 +22,7 @@ mod measurements;
 mod residual;
 mod slide;
 mod state;
+mod tilt;
 mod tip;
 mod unrest;
 
@@ -32,6 +33,7 @@ use tangent_sensing::Validity;
 use self::slide::Slide;
 use self::state::{BIAS, FRICTION, HEIGHT, HeightMemory, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
+use self::tilt::TiltMemory;
 use self::tip::POSITION_SD_M;
 use self::unrest::CurvatureNews;
 use crate::EstimatorConfig;
@@ -162,7 +164,6 @@ impl ContactFilter {
             if state.memory != HeightMemory::Followed {
                 self.measure_pressing_force(state, motion);
                 state.learn_compliance(motion, pressing_n);
-                self.measure_flush(state, motion, pressing_n);
                 if has_settled {
                     state.begin_heights(motion);
                     state.memory = HeightMemory::Here;
@@ -171,6 +172,7 @@ impl ContactFilter {
                 self.measure_height_of_touch(state, motion);
             }
         }
+        self.measure_tilt(state, motion, pressing_n);
     }
 
     /// Update in free space, where the sensor reads only its bias and the payload's error.
@@ -243,11 +245,13 @@ impl ContactFilter {
         if is_near && (is_beside || state.memory == HeightMemory::Followed) {
             state.touch.is_beside = is_beside;
             state.memory = HeightMemory::Followed;
+            state.tilt.touch_again();
             return;
         }
         state.has_touched = true;
         state.has_slid = false;
         state.memory = HeightMemory::None;
+        state.tilt = TiltMemory::default();
         state.surface.forget_normal(&self.config, motion);
     }
 

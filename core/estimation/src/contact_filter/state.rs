@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::learnt_noise::LearntNoise;
 use super::slide::Slide;
+use super::tilt::TiltMemory;
 use super::unrest::{CurvatureNews, Unrest};
 use crate::EstimatorConfig;
 use crate::motion::Motion;
@@ -61,6 +62,7 @@ pub(crate) struct ContactFilterState {
     /// Time since the last contact, s.
     pub(super) free_time_s: f64,
     pub(super) touch: Touchdown,
+    pub(super) tilt: TiltMemory,
     pub(super) slide: Slide,
     /// Pressing force along the normal, N.
     pub(super) force_n: f64,
@@ -133,8 +135,6 @@ pub(super) struct Touchdown {
     /// Whether the tool touches beside the place where it lost contact, and the height there is
     /// still to be measured.
     pub is_beside: bool,
-    /// Information of the best tilt measurement from the pad's torque since then, 1/rad².
-    pub flush_information: f64,
 }
 
 /// Centre of pressure on the pad.
@@ -189,8 +189,8 @@ impl ContactFilterState {
                 pressing_information: 0.0,
                 pressed_s: 0.0,
                 is_beside: false,
-                flush_information: 0.0,
             },
+            tilt: TiltMemory::default(),
             slide: Slide::default(),
             force_n: 0.0,
             centre: CentreOfPressure::default(),
@@ -246,7 +246,6 @@ impl ContactFilterState {
             pressing_information: 0.0,
             pressed_s: 0.0,
             is_beside: false,
-            flush_information: 0.0,
         };
     }
 
@@ -420,6 +419,11 @@ impl SurfaceState {
             }
             self.covariance[(i, i)] = self.covariance[(i, i)].max(0.0);
         }
+        self.add(&change, friction_max);
+    }
+
+    /// Adds `change` to the mean, within the states' bounds.
+    pub fn add(&mut self, change: &Row, friction_max: f64) {
         self.frame = self.frame.turned(&Vector2::new(change[0], change[1]));
         self.shape.m11 += change[SHAPE];
         self.shape.m22 += change[SHAPE + 1];

@@ -7,4 +7,5 @@ mod depth_normal;
 mod object_pose_step;
 mod robustness;
 mod synthetic;
+mod tilts;
 mod touches;

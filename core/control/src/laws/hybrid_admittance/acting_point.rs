@@ -41,6 +41,11 @@ impl ActingPoint {
         self.in_tool_m += (out - self.in_tool_m) * (dt_s / (dt_s + MEAN_S));
     }
 
+    /// Relative to the tool's origin, tool axes, m.
+    pub fn in_tool_m(&self) -> Vector3<f64> {
+        self.in_tool_m
+    }
+
     /// Speed along the `normal` (unit) that keeps the point where it is while the tool turns with
     /// `turn` (rad/s), out of the material, m/s; base axes.
     pub fn make_up_m_per_s(

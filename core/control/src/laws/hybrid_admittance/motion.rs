@@ -116,6 +116,7 @@ pub(super) fn wanted_twist<const N: usize>(
                     &ForceSample {
                         wrench,
                         base_from_tool: input.base_from_tool,
+                        acting_in_tool_m: run.acting.in_tool_m(),
                         normal,
                         along,
                         ahead_m_per_s: learnt.map(|learnt| learnt.speed_m_per_s),

@@ -70,7 +70,7 @@ const MEAN_S: f64 = 0.1;
 const MOST_FACTOR: f64 = 2.0;
 const MOST_LEAST_N_PER_M: f64 = 5000.0;
 /// Time constant of the forgetting, s.
-const MEMORY_S: f64 = 1.5;
+pub(super) const MEMORY_S: f64 = 1.5;
 
 impl Stiffness {
     /// Nothing learnt yet: `expected_n_per_m` is used until there is a measurement.

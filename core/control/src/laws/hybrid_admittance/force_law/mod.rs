@@ -4,9 +4,12 @@
 //!
 //! Called by the controller each cycle while the tool presses.
 
+mod settling;
+
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use tangent_mechanics::{Aligned, Base, Contact, Pose, Tool, Twist, Wrench};
 
+use self::settling::Settling;
 use super::admittance::{Admittance, AdmittanceState};
 use super::config::ControllerConfig;
 use super::delay_in_use::{delay_longest_s, delay_shortest_s};
@@ -28,6 +31,8 @@ pub struct ForceSample {
     pub wrench: Wrench<Aligned<Tool, Base>>,
     /// Measured tool pose.
     pub base_from_tool: Pose<Base, Tool>,
+    /// Where the force acts, relative to the tool's origin, tool axes, m.
+    pub acting_in_tool_m: Vector3<f64>,
     /// Normal in use, base axes.
     pub normal: Vector3<f64>,
     /// Commanded sliding velocity, base axes, m/s.
@@ -54,10 +59,7 @@ pub struct ForceLaw {
     recoil: Recoil,
     ringing: Ringing,
     damping: f64,
-    /// Depth along the normal, m, summed from increments: the normal may turn meanwhile, and the
-    /// origin is far away.
-    depth_m: f64,
-    position: Option<Vector3<f64>>,
+    settling: Settling,
     /// Energy that may still be put into the surface, if the configuration bounds it.
     tank: Option<EnergyTankState>,
     /// Position of the tool at the last energy accounting; `None` after a time in which the law did
@@ -76,8 +78,7 @@ impl ForceLaw {
             recoil: Recoil::default(),
             ringing: Ringing::default(),
             damping: 0.0,
-            depth_m: 0.0,
-            position: None,
+            settling: Settling::default(),
             tank: None,
             settled_at: None,
         }
@@ -107,7 +108,7 @@ impl ForceLaw {
         self.state = AdmittanceState { twist };
         self.integral.reset();
         self.stiffness.restart();
-        self.position = None;
+        self.settling = Settling::default();
         self.settled_at = None;
         self.reference_n = force_n;
         self.recoil = if config.force.adaptive {
@@ -166,12 +167,16 @@ impl ForceLaw {
         let (force, dt) = (&config.force, sample.dt_s);
         let force_n = sample.wrench.force.dot(&sample.normal);
         if force.adaptive && sample.settling {
-            let position = sample.base_from_tool.translation();
-            let step = position - self.position.unwrap_or(position);
-            self.position = Some(position);
-            self.depth_m -= step.dot(&sample.normal);
-            self.stiffness
-                .update(self.depth_m, force_n, sample.wrench_delay_s, dt);
+            let depth_m = self.settling.depth_m(
+                &sample.base_from_tool,
+                &sample.acting_in_tool_m,
+                &sample.normal,
+                dt,
+            );
+            if let Some(depth_m) = depth_m {
+                self.stiffness
+                    .update(depth_m, force_n, sample.wrench_delay_s, dt);
+            }
         }
         if force.adaptive && self.recoil.is_over() {
             let error_n = force_n - self.reference_n;

@@ -66,6 +66,7 @@ impl Bench {
                 Vector3::new(0.0, 0.0, -self.depth),
                 UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI),
             ),
+            acting_in_tool_m: Vector3::zeros(),
             normal: Vector3::z(),
             along: Vector3::zeros(),
             ahead_m_per_s: None,
