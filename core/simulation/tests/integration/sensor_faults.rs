@@ -102,11 +102,10 @@ fn a_zero_that_jumps_aside_stays_bounded() {
     }
     peaks_n.sort_by(|a, b| b.0.total_cmp(&a.0));
     let above = peaks_n.iter().filter(|(peak_n, _)| *peak_n > 10.0).count();
-    // The force that jumped is as large as the pressing force. Where it jumps while the force still
-    // builds up, the tool turns before the law has learnt the stiffness.
+    // The force that jumped is as large as the pressing force.
     assert!(peaks_n[0].0 <= 18.0, "{:?}", &peaks_n[..3]);
     assert!(
-        above <= peaks_n.len() / 16,
+        above <= peaks_n.len() / 20,
         "{above}: {:?}",
         &peaks_n[..above]
     );

@@ -106,13 +106,20 @@ impl Stiffness {
     }
 
     /// Processes one cycle: `depth_m` grows into the surface; `force_n` lags it by `delay_s`, the
-    /// delay of the wrench filter.
-    pub fn update(&mut self, depth_m: f64, force_n: f64, delay_s: f64, dt_s: f64) {
+    /// delay of the wrench filter. The stiffness in use is not lowered below `least_n_per_m`.
+    pub fn update(
+        &mut self,
+        depth_m: f64,
+        force_n: f64,
+        least_n_per_m: f64,
+        delay_s: f64,
+        dt_s: f64,
+    ) {
         let lagged = self.depth_lagged_m.map_or(depth_m, |lagged| {
             lagged + (depth_m - lagged) * (dt_s / (dt_s + delay_s.max(0.0)))
         });
         self.depth_lagged_m = Some(lagged);
-        self.bound(lagged, force_n, dt_s);
+        self.bound(lagged, force_n, least_n_per_m, dt_s);
         let keep = (-dt_s / MEMORY_S).exp();
         self.weight = self.weight * keep + 1.0;
         let gain = 1.0 / self.weight;
@@ -133,7 +140,8 @@ impl Stiffness {
         let excess = self.force_var - ratio * self.depth_var;
         let slope =
             (excess + (excess * excess + 4.0 * ratio * together).sqrt()) / (2.0 * self.covariance);
-        let measured = slope.clamp(BELIEVED.0, BELIEVED.1);
+        let least_n_per_m = least_n_per_m.min(self.value_n_per_m);
+        let measured = slope.clamp(BELIEVED.0, BELIEVED.1).max(least_n_per_m);
         self.known = true;
         self.settled = measured > SETTLED_SHARE * self.value_n_per_m;
         // A higher stiffness is adopted at once, because the loop may be ringing. A lower one is
@@ -147,14 +155,15 @@ impl Stiffness {
     }
 
     /// Lowers the stiffness in use to what the force since the touch allows.
-    fn bound(&mut self, depth_m: f64, force_n: f64, dt_s: f64) {
+    fn bound(&mut self, depth_m: f64, force_n: f64, least_n_per_m: f64, dt_s: f64) {
         let since = self.since.get_or_insert(Since {
             depth_m,
             force_n,
             mean_n: force_n,
         });
         since.mean_n += (force_n - since.mean_n) * (dt_s / (dt_s + MEAN_S));
-        let most = since.most_n_per_m(depth_m).max(MOST_LEAST_N_PER_M);
+        let least_n_per_m = least_n_per_m.max(MOST_LEAST_N_PER_M);
+        let most = since.most_n_per_m(depth_m).max(least_n_per_m);
         if most < self.value_n_per_m {
             self.value_n_per_m += (most - self.value_n_per_m) * (dt_s / (dt_s + LOWER_S));
         }
@@ -186,7 +195,7 @@ mod tests {
             // The force rises to 3 N and stays.
             depth += (3.0 / k - depth) * 0.02;
             let noise = noise_n * f64::from(i * 7919 % 101) / 50.0 - noise_n;
-            stiffness.update(0.4 + depth, k * depth + noise, 0.0, 0.008);
+            stiffness.update(0.4 + depth, k * depth + noise, 0.0, 0.0, 0.008);
         }
         stiffness
     }
@@ -214,7 +223,7 @@ mod tests {
         let (mut settled_at, mut depth) = (None, 0.0);
         for _ in 0..100 {
             depth += (3.0 / 5e3 - depth) * 0.02;
-            stiffness.update(depth, 5e3 * depth, 0.0, 0.008);
+            stiffness.update(depth, 5e3 * depth, 0.0, 0.0, 0.008);
             if stiffness.is_settled() && settled_at.is_none() {
                 settled_at = Some(stiffness.value_n_per_m());
             }
@@ -231,10 +240,26 @@ mod tests {
         for i in 0..500u32 {
             let depth = 2e-6 * f64::from(i);
             let noise = 0.1 * (f64::from(i) * 0.11).sin();
-            stiffness.update(depth, 150.0 * depth + noise, 0.0, 0.008);
+            stiffness.update(depth, 150.0 * depth + noise, 0.0, 0.0, 0.008);
         }
         let found = stiffness.value_n_per_m();
         assert!(found < 6_000.0, "{found}");
+    }
+
+    #[test]
+    fn is_not_lowered_below_the_least_but_keeps_a_lower_value() {
+        let touch = |from_n_per_m, least_n_per_m| {
+            let mut stiffness = Stiffness::new(from_n_per_m);
+            let mut depth = 0.0;
+            for _ in 0..250 {
+                depth += (3.0 / 5e3 - depth) * 0.02;
+                stiffness.update(depth, 5e3 * depth, least_n_per_m, 0.0, 0.008);
+            }
+            stiffness.value_n_per_m()
+        };
+        assert!((touch(50_000.0, 20_000.0) / 20_000.0 - 1.0).abs() < 0.01);
+        assert!((touch(6_000.0, 20_000.0) / 6_000.0 - 1.0).abs() < 0.01);
+        assert!((touch(50_000.0, 0.0) / 5_000.0 - 1.0).abs() < 0.1);
     }
 
     #[test]
@@ -242,7 +267,7 @@ mod tests {
         let mut stiffness = Stiffness::new(8_000.0);
         for i in 0..500 {
             let sign = f64::from(i % 2) - 0.5;
-            stiffness.update(1.0 + 1e-6 * sign, 3.0 + sign, 0.0, 0.008);
+            stiffness.update(1.0 + 1e-6 * sign, 3.0 + sign, 0.0, 0.0, 0.008);
         }
         assert_eq!(stiffness.value_n_per_m(), 8_000.0);
         assert!(!stiffness.is_known());
@@ -260,7 +285,7 @@ mod tests {
                     let t = f64::from(i) * 0.008;
                     let force = force_n * (1.0 - (-t / 0.2).exp());
                     let ripple = 3e-5 * (11.0 * t).sin();
-                    stiffness.update(0.4 + force / k + ripple, force, 0.0, 0.008);
+                    stiffness.update(0.4 + force / k + ripple, force, 0.0, 0.0, 0.008);
                     lowest = lowest.min(stiffness.value_n_per_m());
                 }
                 assert!(lowest > 0.5 * k.min(5e4), "{k}, {force_n} N: {lowest}");

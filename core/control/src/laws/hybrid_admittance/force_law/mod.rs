@@ -23,6 +23,9 @@ use crate::limits::{Limits, clamp_norm};
 
 /// Factor by which the contact is taken to be stiffer when the loop rings.
 const RINGING_FACTOR: f64 = 1.5;
+/// Share of the stiffest contact expected that the stiffness is not lowered below while the tool's
+/// turns have a large part in the depth.
+const TURNED_LEAST_SHARE: f64 = 0.4;
 
 /// Inputs of the force law in one cycle.
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +63,8 @@ pub struct ForceLaw {
     ringing: Ringing,
     damping: f64,
     settling: Settling,
+    /// Least stiffness that is learnt while the tool turns, N/m.
+    turned_least_n_per_m: f64,
     /// Energy that may still be put into the surface, if the configuration bounds it.
     tank: Option<EnergyTankState>,
     /// Position of the tool at the last energy accounting; `None` after a time in which the law did
@@ -79,6 +84,7 @@ impl ForceLaw {
             ringing: Ringing::default(),
             damping: 0.0,
             settling: Settling::default(),
+            turned_least_n_per_m: TURNED_LEAST_SHARE * stiffness_n_per_m,
             tank: None,
             settled_at: None,
         }
@@ -167,16 +173,20 @@ impl ForceLaw {
         let (force, dt) = (&config.force, sample.dt_s);
         let force_n = sample.wrench.force.dot(&sample.normal);
         if force.adaptive && sample.settling {
-            let depth_m = self.settling.depth_m(
+            self.settling.add(
                 &sample.base_from_tool,
                 &sample.acting_in_tool_m,
                 &sample.normal,
                 dt,
             );
-            if let Some(depth_m) = depth_m {
-                self.stiffness
-                    .update(depth_m, force_n, sample.wrench_delay_s, dt);
-            }
+            let least_n_per_m = if self.settling.is_turned() {
+                self.turned_least_n_per_m
+            } else {
+                0.0
+            };
+            let delay_s = sample.wrench_delay_s;
+            self.stiffness
+                .update(self.settling.depth_m(), force_n, least_n_per_m, delay_s, dt);
         }
         if force.adaptive && self.recoil.is_over() {
             let error_n = force_n - self.reference_n;

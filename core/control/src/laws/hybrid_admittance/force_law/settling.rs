@@ -1,4 +1,4 @@
-//! Depth of a tool that settles on the surface, as long as it shows the stiffness.
+//! Depth of a tool that settles on the surface, and whether it shows the stiffness.
 //!
 //! A tool that turns while it stands on one side of its tip moves along the normal without changing
 //! the force: the force law makes up for the turn. Such a way looks like a soft contact, and a law
@@ -27,15 +27,14 @@ pub(super) struct Settling {
 }
 
 impl Settling {
-    /// Adds a cycle, with the point where the force acts in tool axes. Returns the depth, m; `None`
-    /// while the tool's turns have too large a part in it.
-    pub fn depth_m(
+    /// Adds a cycle, with the point where the force acts in tool axes.
+    pub fn add(
         &mut self,
         base_from_tool: &Pose<Base, Tool>,
         acting_in_tool_m: &Vector3<f64>,
         normal: &Vector3<f64>,
         dt_s: f64,
-    ) -> Option<f64> {
+    ) {
         let before = self
             .pose
             .replace(*base_from_tool)
@@ -46,7 +45,16 @@ impl Settling {
         self.deepest_m = self.deepest_m.max(self.depth_m);
         self.turned_m *= (-dt_s / MEMORY_S).exp();
         self.turned_m += turned.dot(normal).abs();
-        (self.turned_m <= TURNED_SHARE * self.deepest_m + TURNED_M).then_some(self.depth_m)
+    }
+
+    /// Depth along the normal, m.
+    pub fn depth_m(&self) -> f64 {
+        self.depth_m
+    }
+
+    /// Whether the tool's turns have too large a part in the depth.
+    pub fn is_turned(&self) -> bool {
+        self.turned_m > TURNED_SHARE * self.deepest_m + TURNED_M
     }
 }
 
@@ -55,9 +63,9 @@ mod tests {
     use super::*;
     use nalgebra::UnitQuaternion;
 
-    /// Depths while the tool goes in by `way_m` and turns by `turn_rad` about its x axis, and then
-    /// stands.
-    fn depths(way_m: f64, turn_rad: f64) -> Vec<Option<f64>> {
+    /// Depth, and whether turns count, while the tool goes in by `way_m` and turns by `turn_rad`
+    /// about its x axis, and then stands.
+    fn settled(way_m: f64, turn_rad: f64) -> Vec<(f64, bool)> {
         let mut settling = Settling::default();
         let acting = Vector3::new(0.0, 0.01, 0.0);
         (0..=600)
@@ -67,25 +75,26 @@ mod tests {
                     Vector3::new(0.4, 0.1, 0.2 - way_m * share),
                     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), turn_rad * share),
                 );
-                settling.depth_m(&pose, &acting, &Vector3::z(), 0.008)
+                settling.add(&pose, &acting, &Vector3::z(), 0.008);
+                (settling.depth_m(), settling.is_turned())
             })
             .collect()
     }
 
     #[test]
     fn the_depth_counts_while_turns_have_little_part_in_it() {
-        let straight = depths(4e-4, 0.0);
-        assert!(straight.iter().all(Option::is_some));
-        assert!((straight[100].unwrap() - 4e-4).abs() < 1e-12);
-        assert!(depths(4e-4, 0.008).iter().all(Option::is_some));
+        let straight = settled(4e-4, 0.0);
+        assert!(straight.iter().all(|(_, turned)| !turned));
+        assert!((straight[100].0 - 4e-4).abs() < 1e-12);
+        assert!(settled(4e-4, 0.008).iter().all(|(_, turned)| !turned));
     }
 
     #[test]
-    fn a_large_turn_hides_the_depth_until_it_is_forgotten() {
-        let turning = depths(4e-4, 0.1);
-        let counted = turning.iter().take_while(|depth| depth.is_some()).count();
-        assert!((1..50).contains(&counted), "{counted}");
-        assert!(turning[counted..=100].iter().all(Option::is_none));
-        assert!(turning[600].is_some());
+    fn a_large_turn_counts_until_it_is_forgotten() {
+        let turning = settled(4e-4, 0.1);
+        let straight = turning.iter().take_while(|(_, turned)| !turned).count();
+        assert!((1..50).contains(&straight), "{straight}");
+        assert!(turning[straight..=100].iter().all(|(_, turned)| *turned));
+        assert!(!turning[600].1);
     }
 }
