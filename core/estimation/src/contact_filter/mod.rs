@@ -23,6 +23,7 @@ mod residual;
 mod slide;
 mod state;
 mod tilt;
+mod tilt_memory;
 mod tip;
 mod unrest;
 
@@ -33,7 +34,7 @@ use tangent_sensing::Validity;
 use self::slide::Slide;
 use self::state::{BIAS, FRICTION, HEIGHT, HeightMemory, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
-use self::tilt::TiltMemory;
+use self::tilt_memory::TiltMemory;
 use self::tip::POSITION_SD_M;
 use self::unrest::CurvatureNews;
 use crate::EstimatorConfig;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 
 use super::learnt_noise::LearntNoise;
 use super::slide::Slide;
-use super::tilt::TiltMemory;
+use super::tilt_memory::TiltMemory;
 use super::unrest::{CurvatureNews, Unrest};
 use crate::EstimatorConfig;
 use crate::motion::Motion;

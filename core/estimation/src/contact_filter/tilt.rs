@@ -1,7 +1,7 @@
 //! What the torque says of the tilt of a pad: how far it is tilted while all of it presses, and on
 //! which side it is too high while it stands on its rim.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use tangent_mechanics::Tip;
 
 use super::ContactFilter;
@@ -12,10 +12,6 @@ use crate::motion::Motion;
 /// Constant error of the centre of pressure per axis, m: frames of tip and sensor, at the length of
 /// a usual tool.
 const CENTRE_SD_M: f64 = 0.002;
-/// Time over which the centre of pressure is averaged, s, and the force above which it is less: the
-/// tool turns meanwhile, and at a strong force the torque is less noisy.
-const MEAN_S: f64 = 0.04;
-const MEAN_AT_N: f64 = 4.0;
 /// Uncertainty of how far a force across bends the tip aside, as a share of it.
 const BENT_DOUBT: f64 = 0.7;
 /// Compliance across the tool's axis that is at least assumed, as a share of that along it.
@@ -34,8 +30,6 @@ const SHIFT_DOUBT: f64 = 1.0;
 const COMPLIANCE_DOUBT: f64 = 4.0;
 /// Standard deviation of the angle between the pad's normal and the tool's axis, rad.
 const PAD_SD_RAD: f64 = 0.01;
-/// Way along the surface after which a measurement of the tilt is forgotten, m.
-const MEMORY_M: f64 = 0.02;
 
 /// Standard deviations of the centre of pressure from the middle beyond which it shows a side.
 const SIDE_SDS: f64 = 2.0;
@@ -49,11 +43,6 @@ const LOOK_SDS: f64 = 0.5;
 const BEYOND_SDS: f64 = 0.8;
 /// Most that one look turns the normal, rad.
 const LOOK_MAX_RAD: f64 = 0.3;
-/// Way along the surface since a first touch within which the rim is looked at, m: later, the pad
-/// may stand on its rim without being tilted, at the edge of a workpiece.
-const RIM_WAY_M: f64 = 0.03;
-/// Most of that way that is left once all of the pad has pressed, m.
-const WHOLE_WAY_M: f64 = 0.015;
 
 /// How a pad answers to a tilt.
 pub(super) struct Pad {
@@ -80,52 +69,6 @@ impl Pad {
     }
 }
 
-/// What the torque has shown of the tilt.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct TiltMemory {
-    /// Mean of the centre of pressure, tool axes, m.
-    centre: Vector3<f64>,
-    /// Time since the touch, or since the last look at the rim, s.
-    since_s: f64,
-    /// Information of the best measurement of the tilt, 1/rad².
-    information: f64,
-    /// Way along the surface since the normal was last forgotten, m; more once all of the pad has
-    /// pressed.
-    way_m: f64,
-}
-
-impl TiltMemory {
-    /// Begins at a touch beside a surface that is known.
-    pub fn touch_again(&mut self) {
-        *self = Self {
-            way_m: self.way_m,
-            ..Self::default()
-        };
-    }
-
-    fn press_whole(&mut self) {
-        self.way_m = self.way_m.max(RIM_WAY_M - WHOLE_WAY_M);
-    }
-
-    fn look_again(&mut self) {
-        self.centre = Vector3::zeros();
-        self.since_s = 0.0;
-    }
-
-    /// Averages the centre of pressure, and forgets with the way along the surface. Whether there
-    /// is a mean.
-    fn add(&mut self, motion: &Motion, pressing_n: f64, speed_m_per_s: f64) -> bool {
-        let way_m = speed_m_per_s * motion.dt_s;
-        self.way_m += way_m;
-        self.information *= (-way_m / MEMORY_M).exp();
-        self.since_s += motion.dt_s;
-        let mean_s = MEAN_S * (MEAN_AT_N / pressing_n).min(1.0);
-        let gain = (motion.dt_s / self.since_s.min(mean_s)).min(1.0);
-        self.centre += (centre_by_torque(motion, pressing_n) - self.centre) * gain;
-        self.since_s >= mean_s
-    }
-}
-
 /// Where a pad presses.
 struct Pressed {
     /// Centre of pressure within the pad, tangent axes, m.
@@ -149,11 +92,12 @@ impl ContactFilter {
         let Some(pad) = Pad::of(&self.config.contact.tip) else {
             return;
         };
-        if pressing_n < self.config.contact.force_on_n
-            || !state
-                .tilt
-                .add(motion, pressing_n, state.slide.speed_m_per_s)
-        {
+        if pressing_n < self.config.contact.force_on_n {
+            return;
+        }
+        let centre = centre_by_torque(motion, pressing_n);
+        let way_m = state.slide.speed_m_per_s * motion.dt_s;
+        if !state.tilt.add(&centre, pressing_n, way_m, motion.dt_s) {
             return;
         }
         let give_m_per_n = match state.memory {
@@ -170,7 +114,7 @@ impl ContactFilter {
             self.measure_whole_pad(state, &pressed, soft_rad_per_m);
         } else if pressed.distance_m > SIDE_SDS * pressed.sd_m
             && state.tilt.since_s > LOOK_S
-            && state.tilt.way_m < RIM_WAY_M
+            && state.tilt.is_early()
         {
             self.look_at_rim(state, &pressed);
         }

@@ -4,6 +4,7 @@
 
 mod accuracy;
 mod depth_normal;
+mod noise;
 mod object_pose_step;
 mod robustness;
 mod synthetic;

@@ -1,12 +1,11 @@
 //! A pad that stands tilted on a surface, and turns as its estimate says.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
 use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build};
 use tangent_mechanics::{Pose, Tip, Twist, Wrench};
 use tangent_sensing::Validity;
+
+use crate::noise::gaussian;
 
 const DT: f64 = 0.008;
 const RADIUS_M: f64 = 0.01;
@@ -58,11 +57,7 @@ impl Cell {
     /// Presses for `lasts_s` with a tool that is tilted by `tilt_rad` about `axis` (unit, in the
     /// plane).
     fn run(&self, tilt_rad: f64, axis: &Vector3<f64>, seed: u64) -> End {
-        let mut rng = Pcg64::seed_from_u64(seed);
-        let mut noise = move |sd: f64| -> f64 {
-            let unit: f64 = StandardNormal.sample(&mut rng);
-            unit * sd
-        };
+        let mut noise = gaussian(seed);
         let mut config = EstimatorConfig::default();
         config.contact.tip = self.tip;
         let mut estimator = build("reactive", &config).unwrap();

@@ -1,12 +1,11 @@
 //! A tool that touches a surface at some places, and slides nowhere.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
-use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
 use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build};
 use tangent_mechanics::{Pose, Twist, Wrench};
 use tangent_sensing::Validity;
+
+use crate::noise::gaussian;
 
 const DT: f64 = 0.008;
 const STIFFNESS: f64 = 50_000.0;
@@ -24,11 +23,7 @@ fn touched(
     pressed_s: f64,
     seed: u64,
 ) -> NormalEstimate {
-    let mut rng = Pcg64::seed_from_u64(seed);
-    let mut noise = move |sd: f64| -> f64 {
-        let unit: f64 = StandardNormal.sample(&mut rng);
-        unit * sd
-    };
+    let mut noise = gaussian(seed);
     let mut estimator = build("reactive", &EstimatorConfig::default()).unwrap();
     let down =
         Rotation3::from_matrix_unchecked(Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)));

@@ -64,7 +64,7 @@ fn run(kind: SurfaceKind, number: u64) -> Run {
 /// Issue 17, section 2. On the surface with a rim, the region may reach beyond it.
 #[test]
 fn regions_are_covered_on_every_surface_of_the_suite() {
-    let mut stiff = 0;
+    let (mut regions, mut within) = (0, 0);
     for kind in SurfaceKind::ALL {
         for number in 0..DRAWS {
             let run = run(kind, number);
@@ -82,12 +82,15 @@ fn regions_are_covered_on_every_surface_of_the_suite() {
                 result.under_cm2 <= 0.01 * result.area_cm2,
                 "{name}: {result:?}"
             );
-            if run.stiffness_kn_per_m > STIFF_KN_PER_M {
-                stiff += 1;
+            let least = if run.stiffness_kn_per_m > STIFF_KN_PER_M {
+                0.7
             } else {
-                assert!(result.share >= 0.99, "{name}: {result:?}");
-            }
+                0.99
+            };
+            assert!(result.share >= least, "{name}: {result:?}");
+            regions += 1;
+            within += u32::from(result.share >= 0.99);
         }
     }
-    assert!(stiff < DRAWS * 2, "{stiff}");
+    assert!(within + 4 >= regions, "{within} of {regions}");
 }
