@@ -43,6 +43,12 @@ const RAMP_PER_S2: f64 = 0.4;
 /// Time after which the path stands, and from which a missing answer is judged, s.
 const STANDS_S: f64 = 0.4;
 const JUDGED_S: f64 = 1.5;
+/// Time for which a reading may go on falling as it did before, s: the path stands, and the tool
+/// turns no more.
+const TREND_S: f64 = 0.5;
+/// Time without a verdict after which the reference is lowered anew from the reading as it is then,
+/// s: the path must not stand for ever.
+const ANEW_S: f64 = 4.0;
 /// Part of the ramp that must be in effect by then, and share of the reference that must be in
 /// effect before: one that still builds up shows by itself whether the reading follows.
 const IN_EFFECT: f64 = 0.9;
@@ -197,21 +203,14 @@ impl ReferenceProbe {
             if changed && !held.doubted {
                 self.prove(held);
             } else if held.doubted || due && held.rule.in_effect_n >= BUILT_UP * held.reference_n {
-                self.lowered = Some(Lowered {
-                    since_s: 0.0,
-                    down_share: held.rule.down_share,
-                    doubted: held.doubted,
-                    mean_n: self.mean_n,
-                    trend_n_per_s: ((self.mean_n - self.slow_n) / SLOW_S).min(0.0),
-                    from_share: (self.mean_n / held.reference_n).clamp(0.0, 1.0),
-                    depths_m: [depth_m; 2],
-                });
+                self.lower(held, held.doubted, depth_m);
             }
             return false;
         };
         let from_n = lowered.from_share * held.reference_n;
         let due_n = FOLLOWED * (from_n - held.rule.in_effect_n);
-        let fallen_n = lowered.mean_n + lowered.trend_n_per_s * lowered.since_s - self.mean_n;
+        let trend_n = lowered.trend_n_per_s * lowered.since_s.min(TREND_S);
+        let fallen_n = lowered.mean_n + trend_n - self.mean_n;
         if changed || fallen_n >= due_n.max(held.least_n()) {
             self.prove(held);
             return false;
@@ -222,9 +221,26 @@ impl ReferenceProbe {
         *most_m = most_m.max(depth_m);
         let way_m = WAY_M.max(WAY_SHARE * from_n / held.stiffness());
         let lowered_to_n = from_n * (1.0 - IN_EFFECT * lowered.down_share);
-        lowered.since_s >= JUDGED_S
+        let missed = lowered.since_s >= JUDGED_S
             && held.rule.in_effect_n <= lowered_to_n
-            && *most_m - *least_m >= way_m
+            && *most_m - *least_m >= way_m;
+        if !missed && lowered.since_s >= ANEW_S {
+            self.lower(held, true, depth_m);
+        }
+        missed
+    }
+
+    /// Lowers the reference from the present reading on. `doubted`: the path stands from the first.
+    fn lower(&mut self, held: &Held, doubted: bool, depth_m: f64) {
+        self.lowered = Some(Lowered {
+            since_s: 0.0,
+            down_share: held.rule.down_share,
+            doubted,
+            mean_n: self.mean_n,
+            trend_n_per_s: ((self.mean_n - self.slow_n) / SLOW_S).min(0.0),
+            from_share: (self.mean_n / held.reference_n).clamp(0.0, 1.0),
+            depths_m: [depth_m; 2],
+        });
     }
 
     /// Begins anew, with a reading that is alive now.
@@ -378,6 +394,49 @@ mod tests {
             ..Bench::default()
         };
         assert!(bench.run(|_, _| REFERENCE_N).missed_s.is_none());
+    }
+
+    #[test]
+    fn a_soft_contact_that_falls_slowly_and_then_follows_is_proved() {
+        // The law takes it for fifteen times stiffer than it is, so that it follows in seconds.
+        let (stiffness, follows_s, reference_n) = (1300.0, 1.3, 9.0);
+        for falling_n_per_s in [0.3, 0.7, 1.2, 1.7] {
+            let (mut reading_n, mut in_effect_n) = (reference_n, reference_n);
+            let (mut probe, mut stood) = (None::<ReferenceProbe>, false);
+            for _ in 0..(2.0 * WATCHED_S / DT_S) as usize {
+                let (share, stands) = probe.map_or((1.0, false), |p| (p.share(), p.stands()));
+                stood |= stands;
+                in_effect_n += (share * reference_n - in_effect_n).clamp(-8.0 * DT_S, 8.0 * DT_S);
+                let gained_n = (in_effect_n - reading_n) / follows_s * DT_S;
+                reading_n += if stood {
+                    gained_n
+                } else {
+                    -falling_n_per_s * DT_S
+                };
+                let held = Held {
+                    step: Vector3::new(0.0, 0.0, -gained_n / stiffness),
+                    normal: Vector3::z(),
+                    axial_n: reading_n,
+                    error_n: 0.0,
+                    reference_n,
+                    rule: ProbeRule {
+                        down_share: 0.5,
+                        in_effect_n,
+                        wanders: false,
+                    },
+                    stiffness_n_per_m: Some(stiffness),
+                    doubted: !stood && reading_n < 0.7 * reference_n,
+                    dt_s: DT_S,
+                };
+                let probe = probe.get_or_insert(ReferenceProbe::new(&held));
+                assert!(!probe.is_missed(&held), "at {reading_n} N");
+            }
+            assert!(stood);
+            assert!(
+                reading_n > 0.9 * reference_n,
+                "{falling_n_per_s} N/s: {reading_n} N"
+            );
+        }
     }
 
     #[test]

@@ -278,7 +278,11 @@ fn along_path(
     };
     let path_speed = program.task.path.speed_m_per_s();
     let of_path = |speed_m_per_s: f64| speed_m_per_s / path_speed.max(1e-6);
-    let least = factor * of_path(config.pace.speed_min_m_per_s).min(1.0);
+    let least_m_per_s = config.pace.speed_min_m_per_s;
+    // Near its turns the path is slow by itself.
+    let here_m_per_s = run.tracking.speed_m_per_s(&config.path, &program.path);
+    let least = factor * (least_m_per_s / here_m_per_s.max(1e-6)).min(1.0);
+    let least_aside_m_per_s = factor * least_m_per_s.min(path_speed);
     let with_force = factor
         * force_factor(&config.pace, error_n, reference_n)
         * excess_factor(&config.pace, error_n, reference_n);
@@ -312,7 +316,7 @@ fn along_path(
             };
             let bound = bound.min(obstacle_bound(&config.pace, limits.force_max_n, &reached));
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;
-            let speed = speed.max(least * path_speed);
+            let speed = speed.max(least_aside_m_per_s);
             if let Some(step) = run
                 .exploration
                 .step(&config.pace, bend_m, deviation, speed, dt_s)

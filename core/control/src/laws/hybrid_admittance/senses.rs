@@ -247,3 +247,50 @@ impl Run {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::route::{Lifting, Route, Stage};
+    use super::*;
+    use crate::task::profile::Profile;
+
+    const DT_S: f64 = 0.008;
+
+    /// At 1 N the fourth such touch ended the task: something was in the way of the lift.
+    #[test]
+    fn what_the_sensor_shows_above_the_surface_is_no_touch_on_the_way_down() {
+        let config = ControllerConfig::default();
+        let reference_n = 1.1;
+        let touch_n = touch_force_n(&config, reference_n);
+        let route = Route {
+            from: Vector3::zeros(),
+            to: Vector3::x(),
+            from_normal: Vector3::z(),
+            to_normal: Vector3::z(),
+            bulge_m: 0.0,
+            lands: Vector3::x(),
+            profile: Profile::new(1.0, 0.1, 1.0, 10.0),
+            time_s: 0.0,
+        };
+        // Above the surface for a second, then on the way down.
+        let touches = |above_n: f64, down_n: f64| {
+            let mut run = Run::idle();
+            run.phase = Phase::Lift;
+            run.lift = Lifting {
+                stage: Stage::Over(route),
+                ..Lifting::idle()
+            };
+            for _ in 0..125 {
+                run.feel(&config, above_n, reference_n, DT_S);
+            }
+            assert!(!run.in_contact, "{above_n} N above the surface");
+            run.phase = Phase::Seek;
+            run.feel(&config, down_n, reference_n, DT_S);
+            run.in_contact
+        };
+        let (drift_n, more_n) = (0.9 * touch_n, 1.2 * touch_n);
+        assert!(touches(0.0, more_n));
+        assert!(!touches(drift_n, more_n));
+        assert!(touches(drift_n, drift_n + more_n));
+    }
+}

@@ -285,6 +285,18 @@ impl Tracking {
         self.moved_by(config, in_plane, position, error, normal, dt_s)
     }
 
+    /// Own speed of the path at its clock, m/s: the highest one in the time that the clock takes to
+    /// stop.
+    pub fn speed_m_per_s(&self, config: &PathConfig, path: &Path) -> f64 {
+        let until_s = path.slides_until_s(self.lifts_done);
+        let after = |ahead_s: f64| {
+            path.at((self.clock_s + ahead_s).min(until_s))
+                .velocity
+                .norm()
+        };
+        after(0.0).max(after(config.clock_ramp_s))
+    }
+
     /// Direction of the path at its clock, in the tangent plane of `normal`, unit, base axes;
     /// `None` where it stands.
     pub fn direction(&self, path: &Path, normal: &Vector3<f64>) -> Option<Vector3<f64>> {
