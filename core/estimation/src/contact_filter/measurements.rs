@@ -35,16 +35,21 @@ const TOUCH_HUBER_SD: f64 = 4.0;
 
 impl ContactFilter {
     /// The height of the contact over the surface is what the compliance gives under the force.
-    pub(super) fn measure_height(&self, state: &mut ContactFilterState, motion: &Motion) {
-        let distance = state.slide.speed_m_per_s * motion.dt_s;
+    /// `distance_m` is the way since the last such measurement.
+    pub(super) fn measure_height(
+        &self,
+        state: &mut ContactFilterState,
+        motion: &Motion,
+        distance_m: f64,
+    ) {
         let (row, innovation) = state.height_row(motion);
         let give = state.surface.give_m_per_n;
-        state.noise.learn_height(innovation, distance);
-        let variance = state.noise.height_variance_of_sample(distance)
+        state.noise.learn_height(innovation, distance_m);
+        let variance = state.noise.height_variance_of_sample(distance_m)
             + give.x * give.x * state.noise.force_variance_of_sample(motion.dt_s);
         // A seam or a step changes the height at once; a wrong slope changes it bit by bit.
         let jump = innovation - std::mem::replace(&mut state.slide.height_innovation_m, innovation);
-        let most = JUMP_SLOPE * distance + JUMP_SD * state.noise.height_variance().sqrt();
+        let most = JUMP_SLOPE * distance_m + JUMP_SD * state.noise.height_variance().sqrt();
         if jump.abs() > most {
             state.surface.covariance[(HEIGHT, HEIGHT)] += innovation * innovation;
         }

@@ -60,6 +60,9 @@ const DIRECTION_SD_MAX_RAD: f64 = 0.5;
 /// Distance along the surface from a lost contact to a touch, m, from which that touch shows the
 /// slope: the heights of nearer places are alike.
 const BESIDE_M: f64 = 0.002;
+/// Way along the surface, m, after which a tool that creeps measures its height again: beyond the
+/// ripple of an arm that stands.
+const CREPT_M: f64 = 1e-4;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 
@@ -142,7 +145,8 @@ impl ContactFilter {
             state.has_slid = true;
             let along = state.surface.frame.project(&tangential);
             state.surface.news = CurvatureNews::along(&along);
-            self.measure_height(state, motion);
+            self.measure_height(state, motion, speed * motion.dt_s);
+            state.crept_m = Vector3::zeros();
             let force = state.force(motion);
             let step = tangential * motion.dt_s;
             let give = state.surface.give_m_per_n.y;
@@ -171,6 +175,13 @@ impl ContactFilter {
                 }
             } else if has_settled && std::mem::take(&mut state.touch.is_beside) {
                 self.measure_height_of_touch(state, motion);
+            } else if has_settled {
+                state.crept_m += tangential * motion.dt_s;
+                let distance_m = state.crept_m.norm();
+                if distance_m > CREPT_M {
+                    state.crept_m = Vector3::zeros();
+                    self.measure_height(state, motion, distance_m);
+                }
             }
         }
         self.measure_tilt(state, motion, pressing_n);

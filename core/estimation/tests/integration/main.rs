@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod accuracy;
+mod creeps;
 mod depth_normal;
 mod noise;
 mod object_pose_step;
