@@ -36,6 +36,8 @@ pub(crate) struct Motion {
     pub force_in_tool: Vector3<f64>,
     /// Torque on the tool, tool axes, Nm.
     pub torque_in_tool: Vector3<f64>,
+    /// Whether the motion of the base, and its error, is part of this motion.
+    pub base_moves: bool,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -132,6 +134,7 @@ impl MotionTracker {
                 .into_inner(),
             force_in_tool: sample.wrench.force,
             torque_in_tool: sample.wrench.torque,
+            base_moves: sample.base_moves,
         })
     }
 }

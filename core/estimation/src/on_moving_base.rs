@@ -45,6 +45,7 @@ fn to_world(sample: &ContactSample, base: &BaseMotion) -> WorldSample {
         twist: moved(&sample.twist),
         twist_commanded: moved(&sample.twist_commanded),
         wrench_validity,
+        base_moves: true,
         ..on_fixed_base(sample)
     }
 }
@@ -62,6 +63,7 @@ fn on_fixed_base(sample: &ContactSample) -> WorldSample {
         wrench_delay_s: sample.wrench_delay_s,
         wrench_validity: sample.wrench_validity,
         wrench_bias_age_s: sample.wrench_bias_age_s,
+        base_moves: false,
     }
 }
 

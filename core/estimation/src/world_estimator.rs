@@ -28,6 +28,8 @@ pub(crate) struct WorldSample {
     pub wrench_validity: Validity,
     /// Age of the sensor's tare, s; `None` before the first.
     pub wrench_bias_age_s: Option<f64>,
+    /// Whether the motion of the base, and its error, is part of the tool's.
+    pub base_moves: bool,
 }
 
 /// Surface normal with its covariance, in world axes. The fields are those of

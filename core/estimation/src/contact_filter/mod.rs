@@ -61,8 +61,8 @@ const DIRECTION_SD_MAX_RAD: f64 = 0.5;
 /// slope: the heights of nearer places are alike.
 const BESIDE_M: f64 = 0.002;
 /// Way along the surface, m, after which a tool that creeps measures its height again: beyond the
-/// ripple of an arm that stands.
-const CREPT_M: f64 = 1e-4;
+/// ripple of an arm that stands. On a moving base that is the error of the odometry.
+const CREPT_M: f64 = 3e-4;
 /// Time after a contact during which the filtered wrench still contains part of it, s.
 const SETTLING_S: f64 = 0.2;
 
@@ -175,7 +175,7 @@ impl ContactFilter {
                 }
             } else if has_settled && std::mem::take(&mut state.touch.is_beside) {
                 self.measure_height_of_touch(state, motion);
-            } else if has_settled {
+            } else if has_settled && !motion.base_moves {
                 state.crept_m += tangential * motion.dt_s;
                 let distance_m = state.crept_m.norm();
                 if distance_m > CREPT_M {
