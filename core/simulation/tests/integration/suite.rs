@@ -405,9 +405,9 @@ fn a_tool_without_an_estimate_stands_at_half_of_its_force() {
     }
 }
 
-/// Paths of 70 to 79 mm/s, slowed down to a thirtieth for an uncertain normal, came to a turn, where
-/// the path itself is slow: the tool crept at a tenth of the lowest speed for a minute, felt nothing
-/// of the slope, and the normal went up to 18 degrees off.
+/// Paths of 70 to 79 mm/s, slowed down to a thirtieth for an uncertain normal, came to a turn,
+/// where the path itself is slow: the tool crept at a tenth of the lowest speed for a minute, felt
+/// nothing of the slope, and the normal went up to 18 degrees off.
 #[test]
 fn a_slow_path_does_not_creep_at_its_turns() {
     for (surface, number, seed) in [
