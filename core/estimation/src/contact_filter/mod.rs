@@ -146,7 +146,6 @@ impl ContactFilter {
             let along = state.surface.frame.project(&tangential);
             state.surface.news = CurvatureNews::along(&along);
             self.measure_height(state, motion, speed * motion.dt_s);
-            state.crept_m = Vector3::zeros();
             let force = state.force(motion);
             let step = tangential * motion.dt_s;
             let give = state.surface.give_m_per_n.y;
@@ -176,10 +175,10 @@ impl ContactFilter {
             } else if has_settled && std::mem::take(&mut state.touch.is_beside) {
                 self.measure_height_of_touch(state, motion);
             } else if has_settled && !motion.base_moves {
-                state.crept_m += tangential * motion.dt_s;
-                let distance_m = state.crept_m.norm();
+                state.slide.crept_m += tangential * motion.dt_s;
+                let distance_m = state.slide.crept_m.norm();
                 if distance_m > CREPT_M {
-                    state.crept_m = Vector3::zeros();
+                    state.slide.crept_m = Vector3::zeros();
                     self.measure_height(state, motion, distance_m);
                 }
             }

@@ -27,6 +27,8 @@ pub(super) struct Slide {
     pub tip_by_give: Vector3<f64>,
     /// Force at the last sample, world axes, N.
     pub force_n: Option<Vector3<f64>>,
+    /// Way since a height was measured, of a tool too slow to slide, world axes, m.
+    pub crept_m: Vector3<f64>,
     /// Innovation of the height at the last sample, m.
     pub height_innovation_m: f64,
     /// Position (m) and force (N) at the last rest, world axes; `None` once the tip slides.
@@ -41,6 +43,7 @@ impl Slide {
     /// Continues sliding with a tangential velocity at the present speed.
     pub fn go_on(&mut self, tangential: &Vector3<f64>, dt_s: f64) {
         let direction = tangential / self.speed_m_per_s;
+        self.crept_m = Vector3::zeros();
         if self.distance_m > 0.0 {
             let turn = direction.cross(&self.direction).norm();
             self.turn_rate_rad_per_s +=

@@ -54,8 +54,6 @@ pub(crate) struct ContactFilterState {
     pub(super) has_touched: bool,
     /// Whether the tool has slid on the present surface.
     pub(super) has_slid: bool,
-    /// Way along the surface since a height was measured, slower than a slide, world axes, m.
-    pub(super) crept_m: Vector3<f64>,
     pub(super) memory: HeightMemory,
     /// Distance travelled since the last contact, m.
     pub(super) free_distance_m: f64,
@@ -180,7 +178,6 @@ impl ContactFilterState {
             phase: ContactPhase::Free,
             has_touched: false,
             has_slid: false,
-            crept_m: Vector3::zeros(),
             memory: HeightMemory::None,
             free_distance_m: 0.0,
             free_way_m: Vector3::zeros(),

@@ -278,11 +278,8 @@ fn along_path(
     };
     let path_speed = program.task.path.speed_m_per_s();
     let of_path = |speed_m_per_s: f64| speed_m_per_s / path_speed.max(1e-6);
-    let least_m_per_s = config.pace.speed_min_m_per_s;
-    // Near its turns the path is slow by itself.
-    let here_m_per_s = run.tracking.speed_m_per_s(&config.path, &program.path);
-    let least = factor * (least_m_per_s / here_m_per_s.max(1e-6)).min(1.0);
-    let least_aside_m_per_s = factor * least_m_per_s.min(path_speed);
+    // Of a motion of this own speed.
+    let least_m_per_s = |own: f64| factor * own.min(config.pace.speed_min_m_per_s);
     let with_force = factor
         * force_factor(&config.pace, error_n, reference_n)
         * excess_factor(&config.pace, error_n, reference_n);
@@ -316,7 +313,7 @@ fn along_path(
             };
             let bound = bound.min(obstacle_bound(&config.pace, limits.force_max_n, &reached));
             let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;
-            let speed = speed.max(least_aside_m_per_s);
+            let speed = speed.max(least_m_per_s(path_speed));
             if let Some(step) = run
                 .exploration
                 .step(&config.pace, bend_m, deviation, speed, dt_s)
@@ -345,7 +342,10 @@ fn along_path(
     let bound = obstacle_bound(&config.pace, limits.force_max_n, &force);
     factor = factor.min(of_path(bound));
     if factor > 0.0 {
-        factor = factor.max(least);
+        // Near its turns the path is slow by itself.
+        let here = run.tracking.speed_m_per_s(&config.path, &program.path);
+        let here = here.max(1e-6);
+        factor = factor.max(least_m_per_s(here) / here);
     }
     run.tracking
         .step(&config.path, &program.path, factor, position, &normal, dt_s)
