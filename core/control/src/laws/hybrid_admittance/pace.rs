@@ -2,8 +2,8 @@
 //!
 //! While the normal in use is wrong by a slope `s` along the path, the tool moves into or off the
 //! surface at `s v`. The force loop, whose crossover is `delay_margin / T`, answers with a force
-//! error of `s v k T / delay_margin`. Contact holds while that stays below the reference, so
-//! `v ≤ share F / (k T s)`.
+//! error of `s v k T / delay_margin`. That may take a share of the reference, or what the zero of a
+//! sensor drifts by anyway: `v ≤ max(share F, 0.3 N) / (k T s)`.
 //!
 //! Nobody knows what stands in the way of a tool on a surface that nobody has modelled. A ledge is
 //! felt one delay `T` late, with `v k T` more force: the speed stays below that which would reach
@@ -34,8 +34,17 @@ const EXCESS_LEAST: f64 = 0.2;
 /// Without an estimate, the tool stands up to the first share of the reference, and moves as fast
 /// as it may from the second.
 const BLIND_SHARES: [f64; 2] = [0.55, 0.8];
+/// Force up to which it stands, N, up to the second share: an estimator takes 0.6 N for a contact,
+/// and may have another zero.
+const BLIND_N: f64 = 0.8;
+/// Share of the reference from which it moves at full speed in any case.
+const BLIND_ALL: f64 = 0.95;
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
 const REFERENCE_MIN_N: f64 = 1.5;
+/// Force error by a slope that is no reason to go more slowly, N: a sensor's zero drifts by as much.
+/// Of a weak reference it is this share at most.
+const SLOPE_LEAST_N: f64 = 0.3;
+const SLOPE_MOST_SHARE: f64 = 1.0 / 3.0;
 /// Largest radius of the first circle, m.
 const RADIUS_MAX_M: f64 = 0.005;
 /// Most turns of one exploration; each has a larger radius than the one before.
@@ -59,6 +68,12 @@ impl ForceLoop {
     }
 }
 
+/// Force error that an unknown slope may take of a force, N.
+fn slope_error_n(config: &PaceConfig, force_n: f64) -> f64 {
+    let least_n = SLOPE_LEAST_N.min(SLOPE_MOST_SHARE * force_n);
+    (config.slope_share * force_n).max(least_n)
+}
+
 /// Highest speed in a direction in which the normal has this standard deviation, m/s.
 pub(crate) fn speed_bound(config: &PaceConfig, deviation_rad: f64, force: &ForceLoop) -> f64 {
     if config.slope_share <= 0.0 {
@@ -66,7 +81,7 @@ pub(crate) fn speed_bound(config: &PaceConfig, deviation_rad: f64, force: &Force
     }
     let slope = SLOPE_SD * deviation_rad;
     let give = force.rise_n_s_per_m() * slope;
-    let bound = config.slope_share * force.reference_n / give.max(f64::MIN_POSITIVE);
+    let bound = slope_error_n(config, force.reference_n) / give.max(f64::MIN_POSITIVE);
     bound.max(config.speed_min_m_per_s)
 }
 
@@ -107,9 +122,11 @@ pub(crate) fn blind_factor(config: &PaceConfig, error_n: f64, reference_n: f64) 
     if config.slope_share <= 0.0 {
         return 1.0;
     }
-    let [stands, full] = BLIND_SHARES;
+    let [least, most] = BLIND_SHARES;
+    let stands = (BLIND_N / reference_n).clamp(least, most);
+    let rise = (most - least).min(BLIND_ALL - stands);
     let share = 1.0 + error_n / reference_n;
-    ((share - stands) / (full - stands)).clamp(0.0, 1.0)
+    ((share - stands) / rise).clamp(0.0, 1.0)
 }
 
 /// Share of a speed that is left by an error of the force: 1 up to the share `from` of the
@@ -127,7 +144,7 @@ pub(crate) fn turn_bound(config: &PaceConfig, force_n: f64, force: &ForceLoop) -
     }
     // A tool that hardly presses loses contact sooner.
     let left_n = force_n.clamp(LEFT_SHARE * force.reference_n, force.reference_n);
-    let speed = config.slope_share * left_n / force.rise_n_s_per_m();
+    let speed = slope_error_n(config, left_n) / force.rise_n_s_per_m();
     (speed / LEVER_M).max(TURN_MIN_RAD_PER_S)
 }
 
@@ -222,12 +239,43 @@ mod tests {
         let along =
             |v: Vector3<f64>| speed_bound(&config, deviation_along_rad(&covariance, &v), &FORCE);
         assert_eq!(along(Vector3::x()), config.speed_min_m_per_s);
-        assert!(along(Vector3::y()) > 0.1);
+        assert!(along(Vector3::y()) > 0.08);
         let off = PaceConfig {
             slope_share: 0.0,
             ..config
         };
         assert_eq!(speed_bound(&off, 0.175, &FORCE), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_weak_force_is_not_held_better_than_a_zero_drifts() {
+        let config = PaceConfig::default();
+        let bound = |reference_n| {
+            let force = ForceLoop {
+                reference_n,
+                stiffness_n_per_m: 5_000.0,
+                ..FORCE
+            };
+            let per_newton = 1.0 / (force.rise_n_s_per_m() * SLOPE_SD * 0.05);
+            speed_bound(&config, 0.05, &force) / per_newton
+        };
+        for (reference_n, error_n) in [(0.6, 0.2), (1.0, 0.3), (1.1, 0.3), (10.0, 2.5)] {
+            assert!((bound(reference_n) - error_n).abs() < 1e-9, "{reference_n}");
+        }
+    }
+
+    #[test]
+    fn a_tool_without_an_estimate_waits_for_a_force_that_an_estimator_feels() {
+        let config = PaceConfig::default();
+        let factor =
+            |force_n: f64, reference_n| blind_factor(&config, force_n - reference_n, reference_n);
+        for reference_n in [0.6, 0.8, 1.0, 1.2, 3.0, 20.0] {
+            let stands_n = (0.8f64.min(0.8 * reference_n)).max(0.55 * reference_n);
+            assert_eq!(factor(0.99 * stands_n, reference_n), 0.0);
+            assert!(factor(1.03 * stands_n, reference_n) > 0.0);
+            assert_eq!(factor(0.96 * reference_n, reference_n), 1.0);
+        }
+        assert_eq!(factor(8.1, 10.0), 1.0);
     }
 
     #[test]

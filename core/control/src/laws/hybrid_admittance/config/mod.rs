@@ -161,8 +161,9 @@ pub struct PathConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PaceConfig {
-    /// Share of the reference that a force error from an unknown slope may take; it bounds the
-    /// path's speed. 0: the path runs at its own speed however uncertain the normal is.
+    /// Share of the reference that a force error from an unknown slope may take; 0.3 N if that is
+    /// more, but no more than a third of the reference. It bounds the path's speed. 0: the path runs
+    /// at its own speed however uncertain the normal is.
     pub slope_share: f64,
     /// Share of the force between the reference and `limits.force_max_n` that something in the way
     /// may take before the arm answers; it bounds the path's speed. 0: no bound.
@@ -297,7 +298,7 @@ impl Default for PathConfig {
 impl Default for PaceConfig {
     fn default() -> Self {
         Self {
-            slope_share: 0.35,
+            slope_share: 0.25,
             hit_share: 0.7,
             force_share: 0.0,
             excess_share: 0.4,
@@ -305,7 +306,7 @@ impl Default for PaceConfig {
             over_m: 0.03,
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
-            explore_above_rad: 0.045,
+            explore_above_rad: 0.03,
             hop_m: 0.003,
         }
     }
