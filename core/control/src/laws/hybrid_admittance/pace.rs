@@ -239,7 +239,7 @@ mod tests {
         let along =
             |v: Vector3<f64>| speed_bound(&config, deviation_along_rad(&covariance, &v), &FORCE);
         assert_eq!(along(Vector3::x()), config.speed_min_m_per_s);
-        assert!(along(Vector3::y()) > 0.08);
+        assert!(along(Vector3::y()) > 0.1);
         let off = PaceConfig {
             slope_share: 0.0,
             ..config
@@ -249,7 +249,10 @@ mod tests {
 
     #[test]
     fn a_weak_force_is_not_held_better_than_a_zero_drifts() {
-        let config = PaceConfig::default();
+        let config = PaceConfig {
+            slope_share: 0.1,
+            ..PaceConfig::default()
+        };
         let bound = |reference_n| {
             let force = ForceLoop {
                 reference_n,
@@ -259,7 +262,7 @@ mod tests {
             let per_newton = 1.0 / (force.rise_n_s_per_m() * SLOPE_SD * 0.05);
             speed_bound(&config, 0.05, &force) / per_newton
         };
-        for (reference_n, error_n) in [(0.6, 0.2), (1.0, 0.3), (1.1, 0.3), (10.0, 2.5)] {
+        for (reference_n, error_n) in [(0.6, 0.2), (1.0, 0.3), (2.5, 0.3), (10.0, 1.0)] {
             assert!((bound(reference_n) - error_n).abs() < 1e-9, "{reference_n}");
         }
     }

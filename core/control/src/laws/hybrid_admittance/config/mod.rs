@@ -298,7 +298,7 @@ impl Default for PathConfig {
 impl Default for PaceConfig {
     fn default() -> Self {
         Self {
-            slope_share: 0.25,
+            slope_share: 0.35,
             hit_share: 0.7,
             force_share: 0.0,
             excess_share: 0.4,
