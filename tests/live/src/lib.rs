@@ -32,9 +32,9 @@ const STILL_MAX: Duration = Duration::from_millis(10);
 /// Largest share of its time that the host may take without invalidating a test.
 const STOLEN_MAX: f64 = 0.25;
 /// Longest wait of an ordinary thread for a core that does not invalidate a run beside other tests.
-/// The other tests can take that much, so the run says nothing about the system under test. A wrench
-/// that is older than 20 ms stops the tool, and on its way to a law of another process it passes
-/// through four such threads: of its publisher, two of the router, and of its reader.
+/// The other tests can take that much, so the run says nothing about the system under test. A
+/// wrench that is older than 20 ms stops the tool, and on its way to a law of another process it
+/// passes through four such threads: of its publisher, two of the router, and of its reader.
 const WAIT_MAX: Duration = Duration::from_millis(5);
 /// Number of tests that run beside each other, per core: a simulated UR at 125 Hz and its services
 /// need a tenth to a fifth of one.
