@@ -22,8 +22,8 @@ const TASK: [&str; 5] = [
 /// A contact that is stiffer, kN/m, bounds the speed of the path so much that some places get more
 /// than the band: `pace.hit_share` of the force up to its limit, over stiffness and delay.
 const STIFF_KN_PER_M: f64 = 50.0;
-/// Regions of which some place gets more than the band, on stiff contacts or where the tool explores
-/// after its touch.
+/// Regions of which some place gets more than the band, on stiff contacts or where the tool
+/// explores after its touch.
 const BEYOND_MAX: u32 = 6;
 
 struct Run {

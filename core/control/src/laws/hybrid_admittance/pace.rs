@@ -41,8 +41,8 @@ const BLIND_N: f64 = 0.8;
 const BLIND_ALL: f64 = 0.95;
 /// A lower reference than this is judged like this one, N: noise is no reason to wait.
 const REFERENCE_MIN_N: f64 = 1.5;
-/// Force error by a slope that is no reason to go more slowly, N: a sensor's zero drifts by as much.
-/// Of a weak reference it is this share at most.
+/// Force error by a slope that is no reason to go more slowly, N: a sensor's zero drifts by as
+/// much. Of a weak reference it is this share at most.
 const SLOPE_LEAST_N: f64 = 0.3;
 const SLOPE_MOST_SHARE: f64 = 1.0 / 3.0;
 /// Largest radius of the first circle, m.

@@ -162,8 +162,8 @@ pub struct PathConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct PaceConfig {
     /// Share of the reference that a force error from an unknown slope may take; 0.3 N if that is
-    /// more, but no more than a third of the reference. It bounds the path's speed. 0: the path runs
-    /// at its own speed however uncertain the normal is.
+    /// more, but no more than a third of the reference. It bounds the path's speed. 0: the path
+    /// runs at its own speed however uncertain the normal is.
     pub slope_share: f64,
     /// Share of the force between the reference and `limits.force_max_n` that something in the way
     /// may take before the arm answers; it bounds the path's speed. 0: no bound.
