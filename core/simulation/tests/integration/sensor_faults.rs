@@ -111,6 +111,34 @@ fn a_zero_that_jumps_aside_stays_bounded() {
     );
 }
 
+/// The same before the touch: the tool lands with a wrong direction of the force. With a lower
+/// `pace.slope_share` it went on for longer along a wrong normal, and the true force rose to 46 N.
+#[test]
+fn a_zero_that_jumps_before_the_touch_stays_bounded() {
+    for name in SURFACES {
+        for seed in 1..=4 {
+            let mut set = settings(2.5e4, true).to_vec();
+            set.push(format!("seed={seed}"));
+            let calm = run(&scenario(name, &set), 0.0);
+            for (axis, counts) in [(0, -3), (0, 3), (1, -3), (1, 3)] {
+                let from_s = 0.5 * calm.contact_s;
+                let mut jump = [0; 6];
+                jump[axis] = counts * 1_000_000;
+                let step =
+                    format!("{{ kind = \"bias_step\", counts = {jump:?}, from_s = {from_s} }}");
+                let mut with = set.clone();
+                with.push(format!("plant.sensor.fault={step}"));
+                let seen = run(&scenario(name, &with), from_s);
+                assert!(
+                    seen.peak_n <= 12.0,
+                    "{name}, seed {seed}: {step}: {} N",
+                    seen.peak_n
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn a_working_sensor_is_never_taken_for_a_faulty_one() {
     for name in ["pipe_realistic", "cone_realistic"] {
