@@ -53,6 +53,9 @@ const HUBER_SD: f64 = 2.5;
 const LAG_SD_S: f64 = 0.008;
 /// Angle over which the tool turns about one axis, rad.
 const TURN_RAD: f64 = 0.1;
+/// Share of the way from the force at which contact ends to the one at which it begins that a touch
+/// near the last contact must reach: the surface is expected there.
+const AGAIN_SHARE: f64 = 1.0 / 3.0;
 /// Slopes of which a lost contact is a sign, along the motion and across it, rad.
 const LOST_SLOPE_RAD: (f64, f64) = (0.12, 0.04);
 /// Uncertainty of the direction of friction above which the force along the surface is not used.
@@ -101,10 +104,12 @@ impl ContactFilter {
         // Along the tool's axis, so that a sideways bias does not count as pressing.
         let pressing_n = -state.force_in_tool(motion).z;
         let contact = &self.config.contact;
-        let threshold = if state.phase == ContactPhase::Free {
-            contact.force_on_n
-        } else {
+        let threshold = if state.phase != ContactPhase::Free {
             contact.force_off_n
+        } else if self.is_near(state) {
+            contact.force_off_n + AGAIN_SHARE * (contact.force_on_n - contact.force_off_n)
+        } else {
+            contact.force_on_n
         };
         // A bias that the filter believes in may hide a contact: what no zero can explain counts.
         let read_n = -motion.force_in_tool.z;
@@ -209,7 +214,9 @@ impl ContactFilter {
         let settled = !state.has_touched || state.free_time_s > SETTLING_S;
         let s = &self.config.sensing;
         let bias_sd = s.force_bias_sd_n + s.force_bias_drift_n_per_sqrt_s;
-        if !settled || bias_sd <= 0.0 {
+        // Near the surface the tool may touch too weakly to be felt. Taken for a zero, that force
+        // would hide the next contact.
+        if !settled || bias_sd <= 0.0 || self.is_near(state) {
             return;
         }
         let variance = (FREE_FORCE_SD_N.powi(2) + s.force_noise_n.powi(2))

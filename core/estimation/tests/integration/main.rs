@@ -11,3 +11,4 @@ mod robustness;
 mod synthetic;
 mod tilts;
 mod touches;
+mod weak_touches;
