@@ -127,6 +127,12 @@ impl<C: LawConfig> Program<C> {
         })
     }
 
+    /// Whether the tool may leave its path by some millimetres to feel the surface: not within a
+    /// region, where that adds to a dose or crosses its boundary, and not where a pass is learnt.
+    pub(crate) fn explores_on_path(&self) -> bool {
+        self.path.lifts() == 0 && self.task.coverage.is_none() && self.task.learning.is_none()
+    }
+
     /// Highest pressing force that is asked for, N.
     pub(crate) fn force_max_n(&self) -> f64 {
         let task_n = self.task.force.reference_n;

@@ -22,9 +22,8 @@ const TASK: [&str; 5] = [
 /// A contact that is stiffer, kN/m, bounds the speed of the path so much that some places get more
 /// than the band: `pace.hit_share` of the force up to its limit, over stiffness and delay.
 const STIFF_KN_PER_M: f64 = 50.0;
-/// Regions of which some place gets more than the band, on stiff contacts or where the tool
-/// explores after its touch.
-const BEYOND_MAX: u32 = 6;
+/// Regions of which some place gets more than the band.
+const BEYOND_MAX: u32 = 4;
 
 struct Run {
     stiffness_kn_per_m: f64,
@@ -88,7 +87,7 @@ fn regions_are_covered_on_every_surface_of_the_suite() {
             let least = if run.stiffness_kn_per_m > STIFF_KN_PER_M {
                 0.7
             } else {
-                0.95
+                0.99
             };
             assert!(result.share >= least, "{name}: {result:?}");
             regions += 1;

@@ -522,12 +522,6 @@ fn draws_that_found_a_bug_are_completed() {
             "an exploration over a curved surface was taken for a false force",
         ),
         (
-            SurfaceKind::TorusOutside,
-            69,
-            1,
-            "a surface that fell away faster than the normal in use said was taken for its end",
-        ),
-        (
             SurfaceKind::TorusInside,
             15,
             1,

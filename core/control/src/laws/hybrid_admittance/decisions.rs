@@ -9,7 +9,7 @@ use super::hops::PRESSED_S;
 use super::interface::ControlInput;
 use super::ledge::Way;
 use super::losses::{Felt, Touch};
-use super::pace::Exploration;
+use super::pace::{Circles, Exploration};
 use super::percept::{Percept, Requests};
 use super::run::{HoldReason, Run};
 use super::side_load::SideLoad;
@@ -187,7 +187,7 @@ impl Run {
                 let patience =
                     5.0 + 3.0 * task.approach.distance_max_m / approach_speed(program, config);
                 if self.in_contact {
-                    self.touch(config, percept, approach_speed(program, config));
+                    self.touch(program, config, percept, approach_speed(program, config));
                 } else if way > task.approach.distance_max_m || waited_s > patience {
                     self.leave(percept, Some(Fault::NoSurface));
                 }
@@ -291,7 +291,7 @@ impl Run {
                 if hop_m.is_some_and(|hop_m| way > hop_m) && self.hops.turn_back() {
                     self.hop(percept);
                 } else if self.in_contact {
-                    self.touch(config, percept, speed);
+                    self.touch(program, config, percept, speed);
                 } else if way > most_m || waited_s > patience {
                     self.leave(percept, Some(Fault::SurfaceLost));
                 }
@@ -397,7 +397,13 @@ impl Run {
         }
     }
 
-    fn touch(&mut self, config: &ControllerConfig, percept: &Percept, speed_m_per_s: f64) {
+    fn touch(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        percept: &Percept,
+        speed_m_per_s: f64,
+    ) {
         let Some(force_n) = percept.force_n else {
             return;
         };
@@ -409,7 +415,11 @@ impl Run {
         if self.hops.is_on_the_way_out() {
             self.exploration = Exploration::default();
         } else if !knows_landing {
-            self.exploration.offer();
+            self.exploration.offer(if program.task.coverage.is_some() {
+                Circles::WITH_DOSE
+            } else {
+                Circles::AT_TOUCH
+            });
         }
         self.acting = ActingPoint::default();
         self.side = SideLoad::default();

@@ -4,8 +4,8 @@ use super::config::ControllerConfig;
 use super::force_law::ForceSample;
 use super::interface::ControlInput;
 use super::pace::{
-    ForceLoop, blind_factor, deviation_along_rad, deviation_max_rad, excess_factor, force_factor,
-    obstacle_bound, speed_bound, turn_bound,
+    ForceLoop, blind_factor, deviation_along_rad, deviation_max_rad, excess_factor,
+    explore_speed_max, force_factor, obstacle_bound, speed_bound, turn_bound,
 };
 use super::percept::Percept;
 use super::run::Run;
@@ -35,8 +35,6 @@ const STIFFNESS_WITHIN_S: f64 = 0.6;
 const STANDING_M_PER_S: f64 = 1e-3;
 /// Force from which it begins, N.
 const EXPLORE_FORCE_N: f64 = 1.5;
-/// Highest speed of the exploration, m/s.
-const EXPLORE_SPEED_MAX_M_PER_S: f64 = 0.008;
 /// Time constant with which a changed gain takes effect, s.
 const GAIN_RAMP_S: f64 = 0.3;
 
@@ -95,6 +93,7 @@ pub(super) fn wanted_twist<const N: usize>(
                 0.0
             };
             let way = run.give_way(percept, input, reference_n, config);
+            run.explore_again(program, config, percept, input);
             let along = along_path(
                 run,
                 program,
@@ -197,6 +196,26 @@ impl Run {
             lead_s: learning.lead_s,
             dt_s: input.dt_s,
         })
+    }
+
+    /// Offers a circle to a tool on its path where the normal has become uncertain. On a moving base
+    /// it stays on its path: it slides over the surface anyway.
+    fn explore_again<const N: usize>(
+        &mut self,
+        program: &Program,
+        config: &ControllerConfig,
+        percept: &Percept,
+        input: &ControlInput<N>,
+    ) {
+        if let (Phase::Slide, EstimateStatus::Usable(usable)) = (self.phase, &percept.estimate)
+            && !self.paused
+            && input.base.is_none()
+            && program.explores_on_path()
+        {
+            let deviation = deviation_max_rad(&usable.estimate.covariance);
+            self.exploration
+                .offer_again(&config.pace, deviation, input.dt_s);
+        }
     }
 
     /// What the tool does about a load along the surface.
@@ -312,7 +331,7 @@ fn along_path(
                 ..force
             };
             let bound = bound.min(obstacle_bound(&config.pace, limits.force_max_n, &reached));
-            let speed = bound.min(EXPLORE_SPEED_MAX_M_PER_S) * explore_factor;
+            let speed = bound.min(explore_speed_max(reference_n)) * explore_factor;
             let speed = speed.max(least_m_per_s(path_speed));
             if let Some(step) = run
                 .exploration

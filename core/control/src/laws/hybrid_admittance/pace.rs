@@ -47,8 +47,14 @@ const SLOPE_LEAST_N: f64 = 0.3;
 const SLOPE_MOST_SHARE: f64 = 1.0 / 3.0;
 /// Largest radius of the first circle, m.
 const RADIUS_MAX_M: f64 = 0.005;
-/// Most turns of one exploration; each has a larger radius than the one before.
-const TURNS_MAX: u32 = 2;
+/// Speed of the exploration, m/s, up to a reference, N. Above that it grows with the reference, up
+/// to a factor: the direction of a stronger force shows the normal in less time.
+const EXPLORE_SPEED_M_PER_S: f64 = 0.008;
+const EXPLORE_SPEED_UP_TO_N: f64 = 6.0;
+const EXPLORE_SPEED_FACTOR_MAX: f64 = 2.0;
+/// Shortest time on the path before it is explored again, s. It doubles with every circle since the
+/// touch, up to the second value: over waves, what a circle shows is soon out of date.
+const AGAIN_AFTER_S: [f64; 2] = [2.0, 16.0];
 
 /// What the force loop makes of a slope.
 #[derive(Clone, Copy, Debug)]
@@ -158,24 +164,78 @@ pub(crate) fn deviation_max_rad(covariance: &Matrix3<f64>) -> f64 {
     covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
 }
 
-/// Small circles on the surface before the path: a stroke shows little of the slope across it,
-/// a circle shows both.
+/// Highest speed of an exploration with this reference, m/s.
+pub(crate) fn explore_speed_max(reference_n: f64) -> f64 {
+    let factor = reference_n / EXPLORE_SPEED_UP_TO_N;
+    EXPLORE_SPEED_M_PER_S * factor.clamp(1.0, EXPLORE_SPEED_FACTOR_MAX)
+}
+
+/// Number and size of the circles of one exploration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Circles {
+    /// Most circles; each has a larger radius than the one before.
+    most: u32,
+    /// Radius of the first, as a share of the one that is set.
+    share: f64,
+}
+
+impl Circles {
+    /// After a touch.
+    pub const AT_TOUCH: Self = Self {
+        most: 2,
+        share: 1.0,
+    };
+    /// After a touch where what the tool does to the surface adds up to a dose.
+    pub const WITH_DOSE: Self = Self {
+        most: 1,
+        share: 1.0,
+    };
+    /// On the path: the tool stays near it.
+    pub const ON_PATH: Self = Self {
+        most: 1,
+        share: 0.5,
+    };
+}
+
+/// Small circles on the surface before the path, and on it where the normal has become uncertain: a
+/// stroke shows little of the slope across it, a circle shows both.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Exploration {
     /// Angle on the present circle, rad; `None` if there is none.
     angle_rad: Option<f64>,
     radius_m: f64,
     turns: u32,
+    circles: Circles,
+    /// Time on the path since the last circle, s.
+    rested_s: f64,
+    /// Circles on the path since the touch.
+    again: u32,
 }
 
 impl Exploration {
-    /// An exploration may begin with the next step: the tool has touched the surface.
-    pub fn offer(&mut self) {
+    /// An exploration with these circles may begin with the next step.
+    pub fn offer(&mut self, circles: Circles) {
         *self = Self {
             angle_rad: Some(0.0),
-            radius_m: 0.0,
-            turns: 0,
+            circles,
+            ..Self::default()
         };
+    }
+
+    /// Offers another circle to a tool that follows its path, where the normal is less certain than
+    /// that asks for.
+    pub fn offer_again(&mut self, config: &PaceConfig, deviation_rad: f64, dt_s: f64) {
+        if self.is_open() {
+            return;
+        }
+        self.rested_s += dt_s;
+        let unsure = config.explore_again_rad > 0.0 && deviation_rad > config.explore_again_rad;
+        let [first_s, most_s] = AGAIN_AFTER_S;
+        if unsure && self.rested_s > (first_s * f64::from(self.again).exp2()).min(most_s) {
+            let again = self.again + 1;
+            self.offer(Circles::ON_PATH);
+            self.again = again;
+        }
     }
 
     /// Whether the tool explores, or may begin to.
@@ -201,13 +261,14 @@ impl Exploration {
         let angle = self.angle_rad?;
         let begins = angle == 0.0;
         let sure = deviation_rad <= config.explore_above_rad;
-        if config.explore_radius_m <= 0.0 || begins && (sure || self.turns >= TURNS_MAX) {
+        if config.explore_radius_m <= 0.0 || begins && (sure || self.turns >= self.circles.most) {
             self.angle_rad = None;
             return None;
         }
         if begins && self.turns == 0 {
             // A tool that bends further sideways than the circle is wide sticks on the surface.
-            self.radius_m = config.explore_radius_m.max(bend_m.min(RADIUS_MAX_M));
+            self.radius_m =
+                self.circles.share * config.explore_radius_m.max(bend_m.min(RADIUS_MAX_M));
         }
         let radius_m = self.radius_m * f64::from(1 + self.turns);
         let next = angle + speed_m_per_s * dt_s / radius_m;
@@ -338,7 +399,7 @@ mod tests {
         let config = PaceConfig::default();
         let mut exploration = Exploration::default();
         assert_eq!(exploration.step(&config, 0.0, 1.0, 0.01, 0.008), None);
-        exploration.offer();
+        exploration.offer(Circles::AT_TOUCH);
         let (mut at, mut way, mut cycles) = (Vector2::zeros(), 0.0, 0);
         while let Some(step) = exploration.step(&config, 0.0, 1.0, 0.01, 0.008) {
             at += step;
@@ -353,10 +414,62 @@ mod tests {
     }
 
     #[test]
+    fn a_normal_that_becomes_uncertain_on_the_path_gets_one_small_circle() {
+        let config = PaceConfig::default();
+        let (sure, unsure) = (
+            0.9 * config.explore_again_rad,
+            1.1 * config.explore_again_rad,
+        );
+        let dt_s = 0.008;
+        // Time on the path until a circle is offered, s, with this deviation.
+        let offered_s = |config: &PaceConfig, deviation_rad: f64| {
+            let mut exploration = Exploration::default();
+            (0..1000).find_map(|k| {
+                exploration.offer_again(config, deviation_rad, dt_s);
+                exploration.is_open().then(|| f64::from(k + 1) * dt_s)
+            })
+        };
+        assert_eq!(offered_s(&config, sure), None);
+        let offered = offered_s(&config, unsure).unwrap();
+        assert!((offered - AGAIN_AFTER_S[0]).abs() < 2.0 * dt_s, "{offered}");
+        let never = PaceConfig {
+            explore_again_rad: 0.0,
+            ..config
+        };
+        assert_eq!(offered_s(&never, 1.0), None);
+
+        // The circle is closed, and the time that the path goes on before the next one doubles.
+        let mut exploration = Exploration::default();
+        for expected_s in [2.0, 4.0, 8.0, 16.0, 16.0] {
+            let mut path_s = 0.0;
+            while !exploration.is_open() {
+                exploration.offer_again(&config, unsure, dt_s);
+                path_s += dt_s;
+            }
+            assert!((path_s - expected_s).abs() < 2.0 * dt_s, "{path_s}");
+            let (mut at, mut farthest) = (Vector2::zeros(), 0.0f64);
+            while let Some(step) = exploration.step(&config, 0.0, 1.0, 0.01, dt_s) {
+                exploration.offer_again(&config, 1.0, dt_s);
+                at += step;
+                farthest = farthest.max(at.norm());
+            }
+            assert!(at.norm() < 1e-12, "{at}");
+            assert!((farthest - config.explore_radius_m).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn a_stronger_force_is_explored_with_faster() {
+        assert_eq!(explore_speed_max(1.0), explore_speed_max(5.0));
+        assert!(explore_speed_max(9.0) > 1.4 * explore_speed_max(5.0));
+        assert_eq!(explore_speed_max(30.0), explore_speed_max(15.0));
+    }
+
+    #[test]
     fn a_sure_normal_needs_no_exploration() {
         let config = PaceConfig::default();
         let mut exploration = Exploration::default();
-        exploration.offer();
+        exploration.offer(Circles::AT_TOUCH);
         assert_eq!(exploration.step(&config, 0.0, 0.01, 0.01, 0.008), None);
     }
 }

@@ -184,6 +184,10 @@ pub struct PaceConfig {
     pub explore_radius_m: f64,
     /// Standard deviation of the normal in any direction above which the tool explores, rad.
     pub explore_above_rad: f64,
+    /// Standard deviation of the normal in any direction above which the tool stops on its path and
+    /// draws a circle of half that radius, rad; 0: never. Paths with lifts, a dose or learning have
+    /// none.
+    pub explore_again_rad: f64,
     /// Distance from a place where contact was lost again and again at which the tool touches the
     /// surface beside it, m; 0: never.
     pub hop_m: f64,
@@ -307,6 +311,7 @@ impl Default for PaceConfig {
             speed_min_m_per_s: 0.0025,
             explore_radius_m: 0.005,
             explore_above_rad: 0.03,
+            explore_again_rad: 0.06,
             hop_m: 0.003,
         }
     }
@@ -383,6 +388,7 @@ impl Presets for ControllerConfig {
                 side_least_n: 0.0,
                 over_m: 0.0,
                 explore_radius_m: 0.0,
+                explore_again_rad: 0.0,
                 hop_m: 0.0,
                 ..default.pace
             },

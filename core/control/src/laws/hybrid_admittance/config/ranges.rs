@@ -78,6 +78,7 @@ const RANGES: Ranges = &[
             ("speed_min_m_per_s", 0.0005, 0.1),
             ("explore_radius_m", 0.0, 0.02),
             ("explore_above_rad", 0.001, 1.0),
+            ("explore_again_rad", 0.0, 1.0),
             ("hop_m", 0.0, 0.01),
         ],
     ),
