@@ -198,8 +198,8 @@ impl Run {
         })
     }
 
-    /// Offers a circle to a tool on its path where the normal has become uncertain. On a moving base
-    /// it stays on its path: it slides over the surface anyway.
+    /// Offers a circle to a tool on its path where the normal has become uncertain. On a moving
+    /// base it stays on its path: it slides over the surface anyway.
     fn explore_again<const N: usize>(
         &mut self,
         program: &Program,
