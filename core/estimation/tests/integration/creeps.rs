@@ -1,11 +1,12 @@
 //! A tool that moves more slowly than an estimator calls sliding.
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build};
+use tangent_estimation::{EstimatorConfig, NormalEstimate, build};
 use tangent_mechanics::{Pose, Twist, Wrench};
 use tangent_sensing::Validity;
 
 use crate::noise::gaussian;
+use crate::samples::sample;
 
 const DT_S: f64 = 0.008;
 const LOAD_N: f64 = 3.0;
@@ -71,21 +72,16 @@ fn after(motion: impl Fn(f64, f64) -> Option<f64>, seed: u64) -> (NormalEstimate
             Vector3::y() * ((angle - before.1) / DT_S),
         );
         let position = place - up * (load_n / STIFFNESS_N_PER_M);
-        estimate = Some(estimator.update(&ContactSample {
+        estimate = Some(estimator.update(&sample(
             time_s,
-            dt_s: DT_S,
-            base_from_tool: Pose::new(position, UnitQuaternion::from_rotation_matrix(&rotation)),
+            DT_S,
+            Pose::new(position, UnitQuaternion::from_rotation_matrix(&rotation)),
             twist,
-            twist_commanded: twist,
-            wrench: Wrench::new(
+            Wrench::new(
                 rotation.inverse() * force.map(|f| f + noise(0.03)),
                 Vector3::zeros(),
             ),
-            wrench_delay_s: 0.0,
-            wrench_validity: Validity::Valid,
-            wrench_bias_age_s: Some(time_s),
-            base: None,
-        }));
+        )));
     }
 }
 

@@ -8,6 +8,7 @@ mod depth_normal;
 mod noise;
 mod object_pose_step;
 mod robustness;
+mod samples;
 mod synthetic;
 mod tilts;
 mod touches;

@@ -1,11 +1,12 @@
 //! A pad that stands tilted on a surface, and turns as its estimate says.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
-use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build};
+use tangent_estimation::{EstimatorConfig, NormalEstimate, build};
 use tangent_mechanics::{Pose, Tip, Twist, Wrench};
 use tangent_sensing::Validity;
 
 use crate::noise::gaussian;
+use crate::samples::sample;
 
 const DT: f64 = 0.008;
 const RADIUS_M: f64 = 0.01;
@@ -101,24 +102,16 @@ impl Cell {
             let force = Vector3::z() * -load_n;
             let torque = centre.push(0.0).cross(&force);
             let twist = Twist::new(velocity, turn);
-            let estimate = estimator.update(&ContactSample {
+            let estimate = estimator.update(&sample(
                 time_s,
-                dt_s: DT,
-                base_from_tool: Pose::new(
-                    position,
-                    UnitQuaternion::from_rotation_matrix(&rotation),
-                ),
+                DT,
+                Pose::new(position, UnitQuaternion::from_rotation_matrix(&rotation)),
                 twist,
-                twist_commanded: twist,
-                wrench: Wrench::new(
+                Wrench::new(
                     force.map(|f| f + noise(0.05)),
                     torque.map(|t| t + noise(0.003)),
                 ),
-                wrench_delay_s: 0.0,
-                wrench_validity: Validity::Valid,
-                wrench_bias_age_s: Some(time_s),
-                base: None,
-            });
+            ));
             if estimate.validity != Validity::NoContact {
                 last = Some(estimate);
             }

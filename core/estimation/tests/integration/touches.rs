@@ -1,11 +1,12 @@
 //! A tool that touches a surface at some places, and slides nowhere.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
-use tangent_estimation::{ContactSample, EstimatorConfig, NormalEstimate, build};
+use tangent_estimation::{EstimatorConfig, NormalEstimate, build};
 use tangent_mechanics::{Pose, Twist, Wrench};
 use tangent_sensing::Validity;
 
 use crate::noise::gaussian;
+use crate::samples::sample;
 
 const DT: f64 = 0.008;
 const STIFFNESS: f64 = 50_000.0;
@@ -54,18 +55,13 @@ fn touched(
             let twist = Twist::new((to - from) / lasts_s, Vector3::zeros());
             // Friction holds the tip: the force points along the tool.
             let force = Vector3::z() * -(STIFFNESS * deep_m).max(0.0);
-            let estimate = estimator.update(&ContactSample {
+            let estimate = estimator.update(&sample(
                 time_s,
-                dt_s: DT,
-                base_from_tool: Pose::new(position, UnitQuaternion::from_rotation_matrix(&down)),
+                DT,
+                Pose::new(position, UnitQuaternion::from_rotation_matrix(&down)),
                 twist,
-                twist_commanded: twist,
-                wrench: Wrench::new(force.map(|f| f + noise(0.03)), Vector3::zeros()),
-                wrench_delay_s: 0.0,
-                wrench_validity: Validity::Valid,
-                wrench_bias_age_s: Some(time_s),
-                base: None,
-            });
+                Wrench::new(force.map(|f| f + noise(0.03)), Vector3::zeros()),
+            ));
             if estimate.validity != Validity::NoContact {
                 last = Some(estimate);
             }

@@ -1,11 +1,12 @@
 //! A tool that presses so weakly that its contact is lost for the estimator.
 
 use nalgebra::{UnitQuaternion, Vector3};
-use tangent_estimation::{ContactSample, EstimatorConfig, build};
+use tangent_estimation::{EstimatorConfig, build};
 use tangent_mechanics::{Pose, Twist, Wrench};
 use tangent_sensing::Validity;
 
 use crate::noise::gaussian;
+use crate::samples::sample;
 
 const DT: f64 = 0.008;
 const STIFFNESS: f64 = 20_000.0;
@@ -42,18 +43,13 @@ fn touches_after(parts: &[Part]) -> bool {
             at_m += (to_m - at_m).clamp(-speed.abs() * DT, speed.abs() * DT);
             let twist = Twist::new(Vector3::z() * speed, Vector3::zeros());
             let force = Vector3::z() * -part.reads_n;
-            let estimate = estimator.update(&ContactSample {
+            let estimate = estimator.update(&sample(
                 time_s,
-                dt_s: DT,
-                base_from_tool: Pose::new(Vector3::z() * at_m, down),
+                DT,
+                Pose::new(Vector3::z() * at_m, down),
                 twist,
-                twist_commanded: twist,
-                wrench: Wrench::new(force.map(|f| f + noise(0.03)), Vector3::zeros()),
-                wrench_delay_s: 0.0,
-                wrench_validity: Validity::Valid,
-                wrench_bias_age_s: Some(time_s),
-                base: None,
-            });
+                Wrench::new(force.map(|f| f + noise(0.03)), Vector3::zeros()),
+            ));
             validity = estimate.validity;
         }
     }
