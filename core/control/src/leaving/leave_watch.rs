@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::leaving::config::LeaveConfig;
-use crate::leaving::retreat::{Ceiling, Met, Retreat};
+use crate::leaving::retreat::{Ceiling, Met, READ_S, Retreat, STILL_IN_M, TURN_S};
 
 /// Time constant of the average of the force before the test for steadiness, s: the sensor's noise
 /// must not look like a touch.
@@ -18,6 +18,10 @@ const STEADY_S: f64 = 0.02;
 pub(crate) struct LeaveWatch {
     /// Force at the start, base axes, N.
     first: Option<Vector3<f64>>,
+    /// Lowest distance since the start of phase `clear`, m, when it was reached, and the time since
+    /// the start, s.
+    lowest: Option<(f64, f64)>,
+    elapsed_s: f64,
     /// Low-pass filtered force, base axes, N.
     mean: Option<Vector3<f64>>,
     /// Where the mean force took its present value, and that value.
@@ -40,8 +44,19 @@ impl LeaveWatch {
         release_max_n: f64,
         dt_s: f64,
     ) -> Leaving {
-        let first = *self.first.get_or_insert(*force);
-        let change = force - first;
+        let first = self.first.get_or_insert(*force);
+        let (lowest_m, at_s) = self.lowest.get_or_insert((way_m, 0.0));
+        self.elapsed_s += dt_s;
+        if way_m < *lowest_m - STILL_IN_M {
+            (*lowest_m, *at_s) = (way_m, self.elapsed_s);
+        }
+        // An arm that still moves in presses harder until it has turned around: that is no
+        // obstacle.
+        let moves_in = *at_s > 0.0 && self.elapsed_s <= TURN_S.min(*at_s + READ_S);
+        if moves_in && (force - *first).dot(normal) > 0.0 {
+            *first = *force;
+        }
+        let change = force - *first;
         let along = change.dot(normal);
         let across = (change - normal * along).norm();
         // A surface that pressed along the normal releases; an obstacle pushes back in the same
@@ -69,6 +84,15 @@ impl LeaveWatch {
         }
         let way_m = met.position.dot(&met.along);
         self.steadiness(config, way_m, &met.force, met.dt_s)
+    }
+
+    /// Force that counts as none, base axes, N: zero in a retraction with a zero that can be
+    /// trusted; otherwise the least one felt since the start, and in phase `clear` the first one.
+    pub fn none(&self) -> Vector3<f64> {
+        match self.retreat {
+            Some(retreat) => retreat.none(),
+            None => self.first.unwrap_or_default(),
+        }
     }
 
     /// Marks a cycle without a wrench: earlier steadiness no longer counts.
@@ -160,6 +184,33 @@ mod tests {
         assert_eq!(wall.0, Leaving::Opposed);
         let along_a_flank = clear(|way| Vector3::x() * 5000.0 * way);
         assert_eq!(along_a_flank.0, Leaving::Opposed);
+    }
+
+    #[test]
+    fn a_tool_that_still_moves_in_may_turn_around_before_it_moves_off() {
+        // A touch at 3 mm/s that is left at once: 40 ms until the arm turns around, at 30 kN/m, with
+        // a reading that lags by 10 ms.
+        let (config, n) = (LeaveConfig::default(), Vector3::z());
+        let way = |t: f64| 0.0375 * t * t - 0.003 * t;
+        let force = |t: f64| (-3e4 * way((t - 0.01).max(0.0))).max(0.0);
+        let mut watch = LeaveWatch::default();
+        let ended = (0..1000).find_map(|k| {
+            let t = 2e-3 * f64::from(k);
+            let left = watch.clear(&config, &n, way(t), &(n * force(t)), 10.0, 2e-3);
+            (left != Leaving::Going).then_some(left)
+        });
+        assert_eq!(ended, Some(Leaving::Free));
+        // One that is pushed in meets a rising force all the same, once it cannot be its own motion.
+        let mut watch = LeaveWatch::default();
+        let ended = (0..1000).find_map(|k| {
+            let t = 2e-3 * f64::from(k);
+            let left = watch.clear(&config, &n, -0.003 * t, &(n * 90.0 * t), 10.0, 2e-3);
+            (left != Leaving::Going).then_some((left, t))
+        });
+        assert!(
+            ended.is_some_and(|(left, t)| left == Leaving::Opposed && t < 0.2),
+            "{ended:?}"
+        );
     }
 
     /// A retraction at 20 mm/s and 1 kHz; the distance at which it was opposed, m, if it was.

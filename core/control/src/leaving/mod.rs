@@ -3,6 +3,7 @@
 pub mod clearance;
 pub mod config;
 pub(crate) mod departure;
+pub(crate) mod give_way;
 pub(crate) mod leave_watch;
 pub(crate) mod retreat;
 pub mod tare_permission;

@@ -13,13 +13,13 @@ use crate::limits::Limits;
 const LET_GO_M: f64 = 0.001;
 /// Maximum time for an arm that still moves in to reverse, s: its own lag plus the lag of the
 /// reading. A force that increases during this time is no obstacle.
-const TURN_S: f64 = 0.15;
+pub(super) const TURN_S: f64 = 0.15;
 /// Lag of the reading, s: a force that rises for so long after the tool's last motion across the
 /// retraction comes from that motion.
-const READ_S: f64 = 0.03;
+pub(super) const READ_S: f64 = 0.03;
 /// Distance against the retraction, or into what pressed when it began, that shows that the arm
 /// still moves in, m: above a joint encoder's noise at the tool.
-const STILL_IN_M: f64 = 2e-5;
+pub(super) const STILL_IN_M: f64 = 2e-5;
 
 /// Measurements of one cycle of a retraction.
 #[derive(Clone, Copy, Debug)]
@@ -77,6 +77,8 @@ pub(super) struct Retreat {
     first: (f64, f64),
     /// Minimum force and torque since: N, Nm.
     least: (f64, f64),
+    /// Force at that minimum, base axes, N.
+    least_force: Vector3<f64>,
     hidden: bool,
     pub zeroed: bool,
 }
@@ -95,8 +97,19 @@ impl Retreat {
             elapsed_s: 0.0,
             first: load,
             least: load,
+            least_force: met.force,
             hidden: met.hidden,
             zeroed: met.zeroed,
+        }
+    }
+
+    /// Force that counts as none, base axes, N: zero, or the least one felt if the zero cannot be
+    /// trusted.
+    pub fn none(&self) -> Vector3<f64> {
+        if self.zeroed {
+            Vector3::zeros()
+        } else {
+            self.least_force
         }
     }
 
@@ -134,6 +147,9 @@ impl Retreat {
         }
         // The zero is not trusted: it is only assumed that the first millimetre releases the
         // contact.
+        if force_n <= self.least.0 || !self.zeroed && gone_m < LET_GO_M {
+            self.least_force = met.force;
+        }
         if self.zeroed || gone_m >= LET_GO_M {
             self.least = (self.least.0.min(force_n), self.least.1.min(torque_nm));
         } else {

@@ -412,7 +412,16 @@ fn moving_off_stops_where_it_presses_harder_feels_nothing_or_is_elsewhere() {
         output = bench.step(|_| {});
     }
     assert_eq!(output.fault, Some(Fault::NotClear));
+    // It gives way to what it has met, and no further.
+    let mut rests_n = f64::NAN;
+    while output.phase.is_active() {
+        assert_eq!(output.phase, Phase::Retract);
+        rests_n = output.force_n.unwrap();
+        output = bench.step(|_| {});
+    }
     assert_eq!(output.phase, Phase::Fault);
+    assert_eq!(bench.controller.clearance(), Clearance::Unknown);
+    assert!(rests_n < 4.2, "{rests_n} N");
     // Without a wrench there is no motion.
     let mut bench = in_doubt(|_| {});
     let at = bench.tool();

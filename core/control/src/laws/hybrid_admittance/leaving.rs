@@ -11,6 +11,7 @@ use super::percept::{Percept, Requests};
 use super::run::Run;
 use super::urgent::outside;
 use crate::leaving::clearance::Clearance;
+use crate::leaving::give_way::{GiveWay, Yielding};
 use crate::leaving::leave_watch::Leaving;
 use crate::leaving::retreat::{Ceiling, Met};
 use crate::limits::Limits;
@@ -30,6 +31,11 @@ impl Run {
     /// `tare`.
     pub(crate) fn remember<const N: usize>(&mut self, input: &ControlInput<N>, percept: &Percept) {
         if self.phase.is_before_approach() {
+            return;
+        }
+        if self.give_way.is_some() {
+            // What is in the way is not where the surface was.
+            self.clearance = Clearance::Unknown;
             return;
         }
         self.clearance = if input.base.is_some() {
@@ -87,7 +93,7 @@ impl Run {
             release_max_n,
             dt_s,
         ) {
-            Leaving::Opposed => self.leave(percept, Some(Fault::NotClear)),
+            Leaving::Opposed => self.begin_to_give_way(percept, Fault::NotClear, leave.grow_n),
             Leaving::Free => {
                 self.clearance = Clearance::Free;
                 self.tracking.freeze();
@@ -124,7 +130,22 @@ impl Run {
             && is_wrench(&input.wrench)
             && input.wrench_age_s <= DOUBTED_AGE_MAX_S;
         let read = doubted.then(|| input.base_from_tool.align_wrench(&input.wrench));
-        if let Some(wrench) = percept.wrench.or(read) {
+        let wrench = percept.wrench.or(read);
+        if let Some(mut way) = self.give_way {
+            let rules = Yielding {
+                damping_n_s_per_m: config.force.damping_max_n_s_per_m,
+                speed_max_m_per_s: end.retract_speed_m_per_s,
+            };
+            let goes_on = wrench.is_some_and(|wrench| {
+                way.step(&rules, &percept.position, &wrench.force, input.dt_s)
+            });
+            self.give_way = Some(way);
+            if !goes_on {
+                self.enter(Phase::Fault, percept);
+            }
+            return;
+        }
+        if let Some(wrench) = wrench {
             let hidden = |load| limits.is_untared_beyond(load);
             let met = Met {
                 along: self.retract,
@@ -141,11 +162,8 @@ impl Run {
                 .leave
                 .retract(&config.leave, &Ceiling::of(limits), &met);
             if self.left == Leaving::Opposed {
-                // Moving on in the same direction would press harder; the direction away is now
-                // unknown.
-                self.clearance = Clearance::Unknown;
-                self.fault = self.fault.or(Some(Fault::RetractOpposed));
-                return self.enter(Phase::Fault, percept);
+                let fault = self.fault.unwrap_or(Fault::RetractOpposed);
+                return self.begin_to_give_way(percept, fault, config.leave.opposed_n);
             }
         }
         if percept.wrench.is_none() {
@@ -173,6 +191,16 @@ impl Run {
             };
             self.enter(phase, percept);
         }
+    }
+
+    /// Ends the way off for what it has met: moving on in the same direction would press harder,
+    /// and the direction away is now unknown. Until the end of the task, the tool gives way.
+    fn begin_to_give_way(&mut self, percept: &Percept, fault: Fault, opposed_n: f64) {
+        let way = GiveWay::new(percept.position, self.leave.none(), opposed_n);
+        self.fault = Some(fault);
+        self.clearance = Clearance::Unknown;
+        self.enter(Phase::Retract, percept);
+        self.give_way = Some(way);
     }
 
     /// Speed of the retraction, m/s: slow without a usable wrench.

@@ -74,6 +74,10 @@ pub(super) fn wanted_twist<const N: usize>(
             Twist::new(normal * -speed, still)
         }
         Phase::Lift => run.lift_twist(config, percept, input.dt_s, input.speed_scaling),
+        Phase::Retract if run.give_way.is_some() => {
+            let velocity = run.give_way.map_or(still, |way| way.velocity);
+            Twist::new(velocity, still)
+        }
         Phase::Retract => {
             let speed = run.retract_speed(program, config, percept);
             Twist::new(run.retract * speed, still)

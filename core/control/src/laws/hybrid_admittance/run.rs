@@ -23,6 +23,7 @@ use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::Clearance;
+use crate::leaving::give_way::GiveWay;
 use crate::leaving::leave_watch::{LeaveWatch, Leaving};
 use crate::limits::arm_force::ArmForceGuard;
 use crate::limits::faults::Fault;
@@ -113,6 +114,8 @@ pub(crate) struct Run {
     pub clearance: Clearance,
     pub leave: LeaveWatch,
     pub left: Leaving,
+    /// How the tool gives way to what it has met on its way off.
+    pub give_way: Option<GiveWay>,
     /// Position of the tool when the zero in force was taken, m; `None` once contact was detected
     /// after it.
     pub tared_at: Option<Vector3<f64>>,
@@ -178,6 +181,7 @@ impl Run {
             clearance: Clearance::Assumed,
             leave: LeaveWatch::default(),
             left: Leaving::Going,
+            give_way: None,
             tared_at: None,
             seeks_lost: false,
             renewed: false,
@@ -294,6 +298,7 @@ impl Run {
         self.phase_start = percept.position;
         self.leave = LeaveWatch::default();
         self.left = Leaving::Going;
+        self.give_way = None;
         if phase == Phase::Seek {
             self.low_s = 0.0;
         }
@@ -314,6 +319,7 @@ impl Run {
         self.starts_here = true;
         self.leave = LeaveWatch::default();
         self.left = Leaving::Going;
+        self.give_way = None;
     }
 
     /// Ends at once, without a motion: the arm cannot be moved.
