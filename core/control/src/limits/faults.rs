@@ -164,7 +164,7 @@ impl Fault {
                 "moving off before the tare met something or never came free: move the tool clear, then start with --clear"
             }
             Self::RetractOpposed => {
-                "retraction met something and stopped: move the tool clear, then start with --clear"
+                "retraction met something and gave way to it: move the tool clear, then start with --clear"
             }
             Self::ZeroInContact => {
                 "touched at the position of the tare: the zero was measured in contact and is withdrawn; start again"
