@@ -57,7 +57,9 @@ impl Compliance {
     /// the contact and the true motion.
     ///
     /// The balance `W(x, x') = K d + C d'` is solved with a linearly implicit step: contact and
-    /// friction are far too stiff for an explicit step of a millisecond.
+    /// friction are far too stiff for an explicit step of a millisecond. The rigid tool goes on
+    /// meanwhile; without that part of its motion, a tool that leaves would keep a deflection for
+    /// which nothing presses any more, and snap back.
     pub fn step(
         &mut self,
         pad: &mut Pad,
@@ -95,7 +97,9 @@ impl Compliance {
         for i in 0..6 {
             matrix[(i, i)] += self.stiffness[i] * dt + self.damping[i];
         }
-        let mut right = wrench - self.stiffness.component_mul(&self.deflection);
+        let (v, w) = (back * rigid.linear, back * rigid.angular);
+        let goes_on = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z) * dt;
+        let mut right = wrench - self.stiffness.component_mul(&self.deflection) - kc * goes_on;
         for i in 0..6 {
             for j in 0..6 {
                 right[i] += bc[(i, j)] * self.rate[j];
@@ -117,5 +121,61 @@ impl Compliance {
             linear: rigid.linear + part(&self.rate, 0),
             angular: rigid.angular + part(&self.rate, 3),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use tangent_mechanics::Pose;
+
+    use super::*;
+    use crate::PoseConfig;
+    use crate::contact::{ContactConfig, FrictionConfig, FrictionModel};
+    use crate::surfaces::ShapeConfig;
+
+    const STIFF_N_PER_M: f64 = 6e4;
+    const SOFT_N_PER_M: f64 = 1e3;
+
+    /// A soft tool that rests 10 mm deep in a stiff table and then leaves it at 20 mm/s: the forces
+    /// along the normal, N, in steps of a millisecond.
+    fn leaves() -> Vec<f64> {
+        let surface = Surface::new(&ShapeConfig::Plane {}, &PoseConfig::default()).unwrap();
+        let contact = ContactConfig {
+            friction: FrictionConfig {
+                model: FrictionModel::None,
+                ..FrictionConfig::default()
+            },
+            ..ContactConfig::default()
+        };
+        let mut pad = Pad::ball(0.008, &contact, STIFF_N_PER_M);
+        let mut compliance = Compliance::new(&ComplianceConfig {
+            stiffness_n_per_m: [9.0 * SOFT_N_PER_M, 9.0 * SOFT_N_PER_M, SOFT_N_PER_M],
+            ..ComplianceConfig::default()
+        });
+        let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI);
+        let mut force_at = |height_m: f64, speed_m_per_s: f64| {
+            let pose = Pose::new(Vector3::new(0.0, 0.0, height_m), down);
+            let twist = Vector6::new(0.0, 0.0, speed_m_per_s, 0.0, 0.0, 0.0);
+            let motion = PadMotion::moving(&pose, &twist);
+            compliance.step(&mut pad, &surface, &motion, 1e-3).0.force.z
+        };
+        let rests = (0..1000).map(|_| force_at(-0.01, 0.0)).last();
+        let leaves = (0..600).map(|k| force_at(-0.01 + 2e-5 * f64::from(k), 0.02));
+        rests.into_iter().chain(leaves).collect()
+    }
+
+    #[test]
+    fn a_soft_tool_that_leaves_lets_go_and_does_not_snap_back() {
+        let forces = leaves();
+        // Two springs in series.
+        let begins_n = 0.01 * STIFF_N_PER_M * SOFT_N_PER_M / (STIFF_N_PER_M + SOFT_N_PER_M);
+        assert!((forces[0] - begins_n).abs() < 0.01, "{}", forces[0]);
+        // After the jump of the speed.
+        for pair in forces[20..].windows(2) {
+            assert!(pair[1] < pair[0] + 1e-3, "{pair:?}");
+        }
+        assert_eq!(forces.last(), Some(&0.0));
     }
 }
