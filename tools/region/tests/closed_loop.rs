@@ -254,7 +254,7 @@ fn covers(pattern: Pattern, moved: bool) {
     }
 }
 
-/// Issue 17, section 2: at least 99 % of the region within the band.
+/// At least 99 % of the region within the band.
 #[test]
 fn rows_of_the_true_mesh_cover_every_surface_of_the_suite() {
     covers(Pattern::Raster, false);
@@ -276,7 +276,7 @@ fn spirals_of_the_true_mesh_cover_every_surface() {
     covers(Pattern::Spiral, false);
 }
 
-/// Issue 17, section 2: a force that varies along a stroke, and along a whole path.
+/// A force that varies along a stroke, and along a whole path.
 #[test]
 fn a_force_profile_is_followed_along_a_stroke_and_along_the_path() {
     const PLACES: [[f64; 2]; 3] = [[0.0, 3.0], [0.04, 8.0], [0.08, 4.0]];

@@ -76,7 +76,7 @@ fn away_m(lines: &[Vec<Vector3<f64>>], at: &Vector3<f64>) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// Issue 17, section 2: rows across a slope of 60 degrees are as far apart on it as was asked for,
+/// Rows across a slope of 60 degrees are as far apart on it as was asked for,
 /// and not twice as far.
 #[test]
 fn rows_on_a_slope_of_60_degrees_are_the_spacing_apart_along_the_slope() {

@@ -188,8 +188,8 @@ mod tests {
 
     #[test]
     fn a_tool_that_still_moves_in_may_turn_around_before_it_moves_off() {
-        // A touch at 3 mm/s that is left at once: 40 ms until the arm turns around, at 30 kN/m, with
-        // a reading that lags by 10 ms.
+        // A touch at 3 mm/s that is left at once: 40 ms until the arm turns around, at 30 kN/m,
+        // with a reading that lags by 10 ms.
         let (config, n) = (LeaveConfig::default(), Vector3::z());
         let way = |t: f64| 0.0375 * t * t - 0.003 * t;
         let force = |t: f64| (-3e4 * way((t - 0.01).max(0.0))).max(0.0);
@@ -200,7 +200,8 @@ mod tests {
             (left != Leaving::Going).then_some(left)
         });
         assert_eq!(ended, Some(Leaving::Free));
-        // One that is pushed in meets a rising force all the same, once it cannot be its own motion.
+        // One that is pushed in meets a rising force, which its own motion explains for a while
+        // only.
         let mut watch = LeaveWatch::default();
         let ended = (0..1000).find_map(|k| {
             let t = 2e-3 * f64::from(k);

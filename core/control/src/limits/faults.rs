@@ -161,7 +161,7 @@ impl Fault {
             }
             Self::TaskTimeout => "task took longer than timeouts.task_s",
             Self::NotClear => {
-                "moving off before the tare met something or never came free: move the tool clear, then start with --clear"
+                "moving off the surface met something or never came free: move the tool clear, then start with --clear"
             }
             Self::RetractOpposed => {
                 "retraction met something and gave way to it: move the tool clear, then start with --clear"

@@ -169,7 +169,7 @@ fn true_share(run: &Run, band: [f64; 2]) -> f64 {
     f64::from(good as u32) / f64::from(all)
 }
 
-/// Issue 17, section 2: at least 99 % of a region with a hole within the band.
+/// At least 99 % of a region with a hole within the band.
 #[test]
 fn a_region_with_a_hole_is_covered_on_a_plane_a_pipe_and_a_sheet() {
     for name in ["plane", "pipe_ideal", "sheet", "pipe_realistic"] {
@@ -196,7 +196,7 @@ fn a_region_with_a_hole_is_covered_on_a_plane_a_pipe_and_a_sheet() {
     }
 }
 
-/// Issue 17, section 2: gaps of the first round become strokes of the second one.
+/// Gaps of the first round become strokes of the second one.
 #[test]
 fn gaps_between_rows_that_are_too_far_apart_are_closed_in_the_second_round() {
     for name in ["plane", "pipe_ideal", "sheet"] {

@@ -63,7 +63,7 @@ fn run(kind: SurfaceKind, number: u64) -> Run {
     run
 }
 
-/// Issue 17, section 2. On the surface with a rim, the region may reach beyond it.
+/// On the surface with a rim, the region may reach beyond it.
 #[test]
 fn regions_are_covered_on_every_surface_of_the_suite() {
     let (mut regions, mut within) = (0, 0);

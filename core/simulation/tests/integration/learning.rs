@@ -28,7 +28,6 @@ fn learnt(scenario: &AdmittanceScenario, passes: u32) -> Option<Memory> {
     memory
 }
 
-/// Issue 17, section 2.
 #[test]
 fn five_passes_halve_the_force_error_on_a_sheet() {
     let passes = evaluate_admittance_passes(&scenario("sheet", &[]), 5).unwrap();
@@ -37,7 +36,7 @@ fn five_passes_halve_the_force_error_on_a_sheet() {
     assert!(errors[1] < 0.8 * errors[0], "{errors:?}");
 }
 
-/// Issue 17, section 2: most of the true error on this cone is the sensor's drift and the error of
+/// Most of the true error on this cone is the sensor's drift and the error of
 /// the payload, which no measured force can show. The error that the sensor shows is halved.
 #[test]
 fn five_passes_halve_the_measured_force_error_on_a_realistic_cone() {
