@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use crate::leaving::config::LeaveConfig;
-use crate::leaving::retreat::{Ceiling, Met, READ_S, Retreat, STILL_IN_M, TURN_S};
+use crate::leaving::moves_in::MovesIn;
+use crate::leaving::retreat::{Ceiling, Met, Retreat};
 
 /// Time constant of the average of the force before the test for steadiness, s: the sensor's noise
 /// must not look like a touch.
@@ -18,10 +19,8 @@ const STEADY_S: f64 = 0.02;
 pub(crate) struct LeaveWatch {
     /// Force at the start, base axes, N.
     first: Option<Vector3<f64>>,
-    /// Lowest distance since the start of phase `clear`, m, when it was reached, and the time since
-    /// the start, s.
-    lowest: Option<(f64, f64)>,
-    elapsed_s: f64,
+    /// Motion towards the surface in phase `clear`.
+    towards: MovesIn,
     /// Low-pass filtered force, base axes, N.
     mean: Option<Vector3<f64>>,
     /// Where the mean force took its present value, and that value.
@@ -45,15 +44,9 @@ impl LeaveWatch {
         dt_s: f64,
     ) -> Leaving {
         let first = self.first.get_or_insert(*force);
-        let (lowest_m, at_s) = self.lowest.get_or_insert((way_m, 0.0));
-        self.elapsed_s += dt_s;
-        if way_m < *lowest_m - STILL_IN_M {
-            (*lowest_m, *at_s) = (way_m, self.elapsed_s);
-        }
         // An arm that still moves in presses harder until it has turned around: that is no
         // obstacle.
-        let moves_in = *at_s > 0.0 && self.elapsed_s <= TURN_S.min(*at_s + READ_S);
-        if moves_in && (force - *first).dot(normal) > 0.0 {
+        if self.towards.step(way_m, dt_s) && (force - *first).dot(normal) > 0.0 {
             *first = *force;
         }
         let change = force - *first;

@@ -3,7 +3,8 @@
 pub mod clearance;
 pub mod config;
 pub(crate) mod departure;
-pub(crate) mod give_way;
 pub(crate) mod leave_watch;
+mod moves_in;
 pub(crate) mod retreat;
 pub mod tare_permission;
+pub(crate) mod yielding;

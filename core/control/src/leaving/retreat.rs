@@ -6,20 +6,12 @@ use nalgebra::Vector3;
 
 use crate::contact::alignment::tangential;
 use crate::leaving::config::LeaveConfig;
+use crate::leaving::moves_in::{MovesIn, STILL_IN_M, TURN_S};
 use crate::limits::Limits;
 
 /// Distance from which the minimum force of a retraction counts if the zero cannot be trusted, m:
 /// over the first part the contact may release a force that the zero hides.
 const LET_GO_M: f64 = 0.001;
-/// Maximum time for an arm that still moves in to reverse, s: its own lag plus the lag of the
-/// reading. A force that increases during this time is no obstacle.
-pub(super) const TURN_S: f64 = 0.15;
-/// Lag of the reading, s: a force that rises for so long after the tool's last motion across the
-/// retraction comes from that motion.
-pub(super) const READ_S: f64 = 0.03;
-/// Distance against the retraction, or into what pressed when it began, that shows that the arm
-/// still moves in, m: above a joint encoder's noise at the tool.
-pub(super) const STILL_IN_M: f64 = 2e-5;
 
 /// Measurements of one cycle of a retraction.
 #[derive(Clone, Copy, Debug)]
@@ -69,10 +61,8 @@ pub(super) struct Retreat {
     out: Vector3<f64>,
     /// Largest force in that direction while the tool slid on, N.
     aside_n: f64,
-    /// Farthest position against `out`, m, and when it was reached, s.
-    deepest_m: f64,
-    deepest_s: f64,
-    elapsed_s: f64,
+    /// Motion against `out`.
+    against_out: MovesIn,
     /// Force and torque at the start: N, Nm.
     first: (f64, f64),
     /// Minimum force and torque since: N, Nm.
@@ -92,9 +82,7 @@ impl Retreat {
             lowest_m: 0.0,
             out: across.try_normalize(1e-9).unwrap_or_default(),
             aside_n: across.norm(),
-            deepest_m: 0.0,
-            deepest_s: f64::NEG_INFINITY,
-            elapsed_s: 0.0,
+            against_out: MovesIn::default(),
             first: load,
             least: load,
             least_force: met.force,
@@ -118,15 +106,10 @@ impl Retreat {
         let torque_nm = met.torque_nm;
         let gone = met.position - self.from;
         let gone_m = gone.dot(&met.along);
-        self.elapsed_s += met.dt_s;
         self.lowest_m = self.lowest_m.min(gone_m);
         // A tool that has slid into something still moves on, across the retraction: what stands
         // there pushes harder until the tool is at rest. That part of the force is no obstacle.
-        let out_m = gone.dot(&self.out);
-        if out_m < self.deepest_m - STILL_IN_M {
-            (self.deepest_m, self.deepest_s) = (out_m, self.elapsed_s);
-        }
-        let slides_on = self.elapsed_s <= TURN_S.min(self.deepest_s + READ_S);
+        let slides_on = self.against_out.step(gone.dot(&self.out), met.dt_s);
         let aside_n = met.force.dot(&self.out).max(0.0);
         if slides_on {
             self.aside_n = self.aside_n.max(aside_n);
@@ -134,7 +117,7 @@ impl Retreat {
         let force_n = (met.force - self.out * aside_n.min(self.aside_n)).norm();
         // Once the tool moves out again, the contact releases: a force that increases from there
         // comes from an obstacle.
-        let moves_in = self.elapsed_s <= TURN_S
+        let moves_in = self.against_out.elapsed_s <= TURN_S
             && self.lowest_m < -STILL_IN_M
             && gone_m <= self.lowest_m + STILL_IN_M;
         if moves_in {

@@ -36,8 +36,8 @@ fn five_passes_halve_the_force_error_on_a_sheet() {
     assert!(errors[1] < 0.8 * errors[0], "{errors:?}");
 }
 
-/// Most of the true error on this cone is the sensor's drift and the error of
-/// the payload, which no measured force can show. The error that the sensor shows is halved.
+/// Most of the true error on this cone is the sensor's drift and the error of the payload, which no
+/// measured force can show. The error that the sensor shows is halved.
 #[test]
 fn five_passes_halve_the_measured_force_error_on_a_realistic_cone() {
     let passes = evaluate_admittance_passes(&scenario("cone_realistic", &[]), 5).unwrap();

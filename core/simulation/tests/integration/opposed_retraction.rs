@@ -18,8 +18,8 @@ const CELLS: [(Law, &str); 3] = [
 
 /// Largest force with which the tool may rest at what it met, N.
 const RESTS_MAX_N: f64 = 8.0;
-/// The same under a torque law whose normal was wrong, as a share of the force of the task: the arm
-/// then rests where it pressed with that force.
+/// Largest force with which the tool of a torque law may rest whose normal was wrong, as a share of
+/// the force of the task: the arm then rests where it pressed with that force.
 const RESTS_SHARE: f64 = 1.2;
 
 /// Obstruction of a retraction.

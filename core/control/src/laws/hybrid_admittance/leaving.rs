@@ -11,9 +11,9 @@ use super::percept::{Percept, Requests};
 use super::run::Run;
 use super::urgent::outside;
 use crate::leaving::clearance::Clearance;
-use crate::leaving::give_way::{GiveWay, Yielding};
 use crate::leaving::leave_watch::Leaving;
 use crate::leaving::retreat::{Ceiling, Met};
+use crate::leaving::yielding::{YieldRules, Yielding};
 use crate::limits::Limits;
 use crate::limits::faults::Fault;
 use crate::limits::plausibility::is_wrench;
@@ -33,7 +33,7 @@ impl Run {
         if self.phase.is_before_approach() {
             return;
         }
-        if self.give_way.is_some() {
+        if self.yielding.is_some() {
             // What is in the way is not where the surface was.
             self.clearance = Clearance::Unknown;
             return;
@@ -93,7 +93,7 @@ impl Run {
             release_max_n,
             dt_s,
         ) {
-            Leaving::Opposed => self.begin_to_give_way(percept, Fault::NotClear, leave.grow_n),
+            Leaving::Opposed => self.begin_to_yield(percept, Fault::NotClear, leave.grow_n),
             Leaving::Free => {
                 self.clearance = Clearance::Free;
                 self.tracking.freeze();
@@ -131,15 +131,14 @@ impl Run {
             && input.wrench_age_s <= DOUBTED_AGE_MAX_S;
         let read = doubted.then(|| input.base_from_tool.align_wrench(&input.wrench));
         let wrench = percept.wrench.or(read);
-        if let Some(mut way) = self.give_way {
-            let rules = Yielding {
+        if let Some(yielding) = &mut self.yielding {
+            let rules = YieldRules {
                 damping_n_s_per_m: config.force.damping_max_n_s_per_m,
                 speed_max_m_per_s: end.retract_speed_m_per_s,
             };
             let goes_on = wrench.is_some_and(|wrench| {
-                way.step(&rules, &percept.position, &wrench.force, input.dt_s)
+                yielding.step(&rules, &percept.position, &wrench.force, input.dt_s)
             });
-            self.give_way = Some(way);
             if !goes_on {
                 self.enter(Phase::Fault, percept);
             }
@@ -163,7 +162,7 @@ impl Run {
                 .retract(&config.leave, &Ceiling::of(limits), &met);
             if self.left == Leaving::Opposed {
                 let fault = self.fault.unwrap_or(Fault::RetractOpposed);
-                return self.begin_to_give_way(percept, fault, config.leave.opposed_n);
+                return self.begin_to_yield(percept, fault, config.leave.opposed_n);
             }
         }
         if percept.wrench.is_none() {
@@ -195,12 +194,12 @@ impl Run {
 
     /// Ends the way off for what it has met: moving on in the same direction would press harder,
     /// and the direction away is now unknown. Until the end of the task, the tool gives way.
-    fn begin_to_give_way(&mut self, percept: &Percept, fault: Fault, opposed_n: f64) {
-        let way = GiveWay::new(percept.position, self.leave.none(), opposed_n);
+    fn begin_to_yield(&mut self, percept: &Percept, fault: Fault, opposed_n: f64) {
+        let yielding = Yielding::new(percept.position, self.leave.none(), opposed_n);
         self.fault = Some(fault);
         self.clearance = Clearance::Unknown;
         self.enter(Phase::Retract, percept);
-        self.give_way = Some(way);
+        self.yielding = Some(yielding);
     }
 
     /// Speed of the retraction, m/s: slow without a usable wrench.

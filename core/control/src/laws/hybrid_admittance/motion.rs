@@ -74,13 +74,12 @@ pub(super) fn wanted_twist<const N: usize>(
             Twist::new(normal * -speed, still)
         }
         Phase::Lift => run.lift_twist(config, percept, input.dt_s, input.speed_scaling),
-        Phase::Retract if run.give_way.is_some() => {
-            let velocity = run.give_way.map_or(still, |way| way.velocity);
-            Twist::new(velocity, still)
-        }
         Phase::Retract => {
-            let speed = run.retract_speed(program, config, percept);
-            Twist::new(run.retract * speed, still)
+            let velocity = match &run.yielding {
+                Some(yielding) => yielding.velocity,
+                None => run.retract * run.retract_speed(program, config, percept),
+            };
+            Twist::new(velocity, still)
         }
         // Without a wrench the tool stands: it could not detect an obstacle.
         Phase::Clear if percept.wrench.is_none() || run.paused => Twist::zero(),

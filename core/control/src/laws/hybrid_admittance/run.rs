@@ -23,8 +23,8 @@ use super::touchdown::{seek_speed, stiffness_expected};
 use super::tracking::Tracking;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::Clearance;
-use crate::leaving::give_way::GiveWay;
 use crate::leaving::leave_watch::{LeaveWatch, Leaving};
+use crate::leaving::yielding::Yielding;
 use crate::limits::arm_force::ArmForceGuard;
 use crate::limits::faults::Fault;
 use crate::limits::response_guard::ResponseGuard;
@@ -115,7 +115,7 @@ pub(crate) struct Run {
     pub leave: LeaveWatch,
     pub left: Leaving,
     /// How the tool gives way to what it has met on its way off.
-    pub give_way: Option<GiveWay>,
+    pub yielding: Option<Yielding>,
     /// Position of the tool when the zero in force was taken, m; `None` once contact was detected
     /// after it.
     pub tared_at: Option<Vector3<f64>>,
@@ -181,7 +181,7 @@ impl Run {
             clearance: Clearance::Assumed,
             leave: LeaveWatch::default(),
             left: Leaving::Going,
-            give_way: None,
+            yielding: None,
             tared_at: None,
             seeks_lost: false,
             renewed: false,
@@ -298,7 +298,7 @@ impl Run {
         self.phase_start = percept.position;
         self.leave = LeaveWatch::default();
         self.left = Leaving::Going;
-        self.give_way = None;
+        self.yielding = None;
         if phase == Phase::Seek {
             self.low_s = 0.0;
         }
@@ -319,7 +319,7 @@ impl Run {
         self.starts_here = true;
         self.leave = LeaveWatch::default();
         self.left = Leaving::Going;
-        self.give_way = None;
+        self.yielding = None;
     }
 
     /// Ends at once, without a motion: the arm cannot be moved.

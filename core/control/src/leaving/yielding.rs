@@ -21,7 +21,7 @@ const FALLEN_SHARE: f64 = 0.9;
 
 /// Rules of one motion.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Yielding {
+pub(crate) struct YieldRules {
     /// Damping against the force, Ns/m: stable on the stiffest contact.
     pub damping_n_s_per_m: f64,
     /// Highest speed, m/s.
@@ -31,7 +31,7 @@ pub(crate) struct Yielding {
 /// State of one motion. Loads are relative to the force of a free tool, or to the least one felt if
 /// the zero cannot be trusted.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct GiveWay {
+pub(crate) struct Yielding {
     /// Force that counts as none, base axes, N.
     none: Vector3<f64>,
     /// Load with which the tool may rest, N.
@@ -44,7 +44,7 @@ pub(crate) struct GiveWay {
     elapsed_s: f64,
 }
 
-impl GiveWay {
+impl Yielding {
     /// From `position` (m), with `none` the force that counts as none (N); base axes. `opposed_n`
     /// (N) is the rise of the load that opposed the motion.
     pub fn new(position: Vector3<f64>, none: Vector3<f64>, opposed_n: f64) -> Self {
@@ -59,10 +59,10 @@ impl GiveWay {
     }
 
     /// Processes one cycle with the tool at `position` (m) under `force` (N), base axes. Returns
-    /// whether the tool still gives way, with its [`GiveWay::velocity`].
+    /// whether the tool still gives way, with its [`Yielding::velocity`].
     pub fn step(
         &mut self,
-        rules: &Yielding,
+        rules: &YieldRules,
         position: &Vector3<f64>,
         force: &Vector3<f64>,
         dt_s: f64,
@@ -91,7 +91,7 @@ impl GiveWay {
 mod tests {
     use super::*;
 
-    const RULES: Yielding = Yielding {
+    const RULES: YieldRules = YieldRules {
         damping_n_s_per_m: 1e4,
         speed_max_m_per_s: 0.02,
     };
@@ -100,13 +100,13 @@ mod tests {
     /// m and s.
     fn gives_way(none: f64, force_at: impl Fn(f64) -> f64) -> (f64, f64) {
         let mut way_m = 1e-3;
-        let mut give_way = GiveWay::new(Vector3::z() * way_m, Vector3::z() * none, 5.0);
+        let mut yielding = Yielding::new(Vector3::z() * way_m, Vector3::z() * none, 5.0);
         for k in 0..10_000 {
             let (at, force) = (Vector3::z() * way_m, Vector3::z() * force_at(way_m));
-            if !give_way.step(&RULES, &at, &force, 1e-3) {
+            if !yielding.step(&RULES, &at, &force, 1e-3) {
                 return (way_m, 1e-3 * f64::from(k));
             }
-            way_m += give_way.velocity.z * 1e-3;
+            way_m += yielding.velocity.z * 1e-3;
         }
         panic!("it never ends");
     }
