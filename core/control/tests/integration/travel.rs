@@ -133,17 +133,19 @@ fn a_touch_on_the_way_stops_the_arm_and_the_next_start_asks_a_person() {
     }
     let speed = bench.last.as_ref().unwrap().qd.amax();
     let mut way_m = 0.0;
-    for cycle in 0..40 {
+    for cycle in 0..200 {
         let before = bench.tool();
         let output = bench.step(|input| input.wrench.force = Vector3::new(25.0, 2.0, 9.0));
         way_m += (bench.tool() - before).norm();
         if cycle >= 2 {
-            assert_eq!(output.phase, Phase::Fault);
             assert_eq!(output.fault, Some(Fault::TravelTouched));
+            // It gives way for a millimetre, which changes nothing here.
+            assert!(matches!(output.phase, Phase::Retract | Phase::Fault));
         }
     }
+    assert_eq!(bench.last.as_ref().unwrap().phase, Phase::Fault);
     assert!(speed > 0.05 && bench.last.as_ref().unwrap().qd.amax() == 0.0);
-    assert!(way_m < 0.01, "{way_m}");
+    assert!(way_m < 0.012, "{way_m}");
     assert_eq!(bench.controller.clearance(), Clearance::Unknown);
     let error = bench
         .controller

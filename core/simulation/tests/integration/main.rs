@@ -39,5 +39,6 @@ mod tactile_step;
 mod three_laws;
 mod torque_truth;
 mod touchdown;
+mod travel_touch;
 mod truth;
 mod waves;

@@ -302,7 +302,7 @@ impl Run {
                     self.go_home(percept);
                 }
             }
-            Phase::Lift => self.decide_lift(program, config, reference_n, percept, dt),
+            Phase::Lift => self.decide_lift(program, config, limits, reference_n, percept, dt),
             Phase::Clear | Phase::Travel | Phase::Idle | Phase::Done | Phase::Fault => {}
         }
     }

@@ -78,6 +78,11 @@ impl JointWay {
         }
     }
 
+    /// Force when the way began, tool axes, N.
+    pub fn force_before(&self) -> Vector3<f64> {
+        self.force_before.unwrap_or_default()
+    }
+
     /// Whether the force has changed by more than `force_max_n` since the way began.
     pub fn has_touched(&mut self, force: &Vector3<f64>, force_max_n: f64, dt_s: f64) -> bool {
         let before = *self.force_before.get_or_insert(*force);

@@ -3,12 +3,14 @@
 //!
 //! Called by the run's phase machine each cycle; `leave_watch` judges the force during the motion.
 
+use nalgebra::Vector3;
 use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
 use super::percept::{Percept, Requests};
 use super::run::Run;
+use super::touchdown::{free_speed_max, stiffness_expected};
 use super::urgent::outside;
 use crate::leaving::clearance::Clearance;
 use crate::leaving::leave_watch::Leaving;
@@ -93,7 +95,10 @@ impl Run {
             release_max_n,
             dt_s,
         ) {
-            Leaving::Opposed => self.begin_to_yield(percept, Fault::NotClear, leave.grow_n),
+            Leaving::Opposed => {
+                let none = self.leave.none();
+                self.begin_to_yield(percept, Fault::NotClear, none, leave.grow_n);
+            }
             Leaving::Free => {
                 self.clearance = Clearance::Free;
                 self.tracking.freeze();
@@ -105,7 +110,7 @@ impl Run {
                 self.enter(next, percept);
             }
             Leaving::Going => {
-                let patience_s = 2.0 + 3.0 * leave.distance_max_m / leave.speed_m_per_s;
+                let patience_s = self.clear_patience_s(program, config, limits);
                 if way_m > leave.distance_max_m || self.time_in_phase_s() > patience_s {
                     self.leave(percept, Some(Fault::NotClear));
                 }
@@ -131,10 +136,11 @@ impl Run {
             && input.wrench_age_s <= DOUBTED_AGE_MAX_S;
         let read = doubted.then(|| input.base_from_tool.align_wrench(&input.wrench));
         let wrench = percept.wrench.or(read);
+        let speed_max_m_per_s = self.retract_speed_max(program, config, limits);
         if let Some(yielding) = &mut self.yielding {
             let rules = YieldRules {
                 damping_n_s_per_m: config.force.damping_max_n_s_per_m,
-                speed_max_m_per_s: end.retract_speed_m_per_s,
+                speed_max_m_per_s,
             };
             let goes_on = wrench.is_some_and(|wrench| {
                 yielding.step(&rules, &percept.position, &wrench.force, input.dt_s)
@@ -162,16 +168,15 @@ impl Run {
                 .retract(&config.leave, &Ceiling::of(limits), &met);
             if self.left == Leaving::Opposed {
                 let fault = self.fault.unwrap_or(Fault::RetractOpposed);
-                return self.begin_to_yield(percept, fault, config.leave.opposed_n);
+                let none = self.leave.none();
+                return self.begin_to_yield(percept, fault, none, config.leave.opposed_n);
             }
         }
         if percept.wrench.is_none() {
             self.leave.blind();
             self.left = Leaving::Going;
         }
-        let speed = end
-            .retract_speed_m_per_s
-            .min(config.leave.blind_speed_m_per_s);
+        let speed = speed_max_m_per_s.min(config.leave.blind_speed_m_per_s);
         let patience_s = 1.0 + 3.0 * end.retract_distance_m / speed;
         // A tool that has touched nothing is free where its approach began, and need not go
         // further.
@@ -192,14 +197,83 @@ impl Run {
         }
     }
 
-    /// Ends the way off for what it has met: moving on in the same direction would press harder,
-    /// and the direction away is now unknown. Until the end of the task, the tool gives way.
-    fn begin_to_yield(&mut self, percept: &Percept, fault: Fault, opposed_n: f64) {
-        let yielding = Yielding::new(percept.position, self.leave.none(), opposed_n);
+    /// Ends a motion for what it has met, with `none` the force that counts as none (base axes, N):
+    /// moving on in the same direction would press harder, and the direction away is now unknown.
+    /// Until the end of the task, the tool gives way.
+    pub(super) fn begin_to_yield(
+        &mut self,
+        percept: &Percept,
+        fault: Fault,
+        none: Vector3<f64>,
+        opposed_n: f64,
+    ) {
+        let yielding = Yielding::new(percept.position, none, opposed_n);
         self.fault = Some(fault);
         self.clearance = Clearance::Unknown;
         self.enter(Phase::Retract, percept);
         self.yielding = Some(yielding);
+    }
+
+    /// Highest speed of a motion that should touch nothing, m/s, for what it meets from `noticed_n`
+    /// (N) on. Where a contact is soft, what is above it need not be.
+    pub(super) fn free_speed_max(
+        &self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+        noticed_n: f64,
+    ) -> f64 {
+        let expected = stiffness_expected(program, config);
+        let stiffest = self.force.stiffness_n_per_m().max(expected);
+        free_speed_max(config, limits.force_max_n, noticed_n, stiffest)
+    }
+
+    /// Speed straight off the surface, m/s, that does not exceed `most`: from rest, so that a way
+    /// that leads into the surface is noticed while it is slow.
+    fn from_rest(&self, config: &ControllerConfig, most: f64) -> f64 {
+        most.min(config.path.acceleration_m_per_s2 * self.in_phase_s)
+    }
+
+    fn clear_speed_max(
+        &self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+    ) -> f64 {
+        let leave = &config.leave;
+        let most = self.free_speed_max(program, config, limits, leave.grow_n);
+        leave.speed_m_per_s.min(most)
+    }
+
+    /// Speed in phase `clear`, and straight off the surface in phase `lift`, m/s.
+    pub(super) fn clear_speed(
+        &self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+    ) -> f64 {
+        self.from_rest(config, self.clear_speed_max(program, config, limits))
+    }
+
+    /// Longest phase `clear`, and longest way straight off the surface in phase `lift`, s.
+    pub(super) fn clear_patience_s(
+        &self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+    ) -> f64 {
+        let speed = self.clear_speed_max(program, config, limits);
+        2.0 + 3.0 * config.leave.distance_max_m / speed
+    }
+
+    fn retract_speed_max(
+        &self,
+        program: &Program,
+        config: &ControllerConfig,
+        limits: &Limits,
+    ) -> f64 {
+        let most = self.free_speed_max(program, config, limits, config.leave.opposed_n);
+        program.task.end.retract_speed_m_per_s.min(most)
     }
 
     /// Speed of the retraction, m/s: slow without a usable wrench.
@@ -207,14 +281,16 @@ impl Run {
         &self,
         program: &Program,
         config: &ControllerConfig,
+        limits: &Limits,
         percept: &Percept,
     ) -> f64 {
-        let wanted = program.task.end.retract_speed_m_per_s;
-        if percept.wrench.is_some() {
-            wanted
+        let most = self.retract_speed_max(program, config, limits);
+        let most = if percept.wrench.is_some() {
+            most
         } else {
-            wanted.min(config.leave.blind_speed_m_per_s)
-        }
+            most.min(config.leave.blind_speed_m_per_s)
+        };
+        self.from_rest(config, most)
     }
 
     /// Distance of a retraction back to where the tool was tared, m, if it has touched nothing

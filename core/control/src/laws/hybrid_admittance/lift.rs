@@ -10,6 +10,7 @@ use tangent_mechanics::{Aligned, Base, Tool, Twist, Wrench};
 use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
+use super::interface::ControlInput;
 use super::landing::Expected;
 use super::percept::Percept;
 use super::route::{Lifting, Route, Stage};
@@ -19,8 +20,8 @@ use super::surface_chart::{Felt, SurfaceChart};
 use super::touchdown::real_touch_n;
 use crate::contact::alignment::{alignment_rate, angle_between, tangential};
 use crate::leaving::leave_watch::Leaving;
-use crate::limits::clamp_norm;
 use crate::limits::faults::Fault;
+use crate::limits::{Limits, clamp_norm};
 use crate::phase_machine::Phase;
 use crate::task::profile::Profile;
 use crate::task::program::Program;
@@ -97,6 +98,7 @@ impl Run {
         &mut self,
         program: &Program,
         config: &ControllerConfig,
+        limits: &Limits,
         reference_n: f64,
         percept: &Percept,
         dt_s: f64,
@@ -122,7 +124,7 @@ impl Run {
                 let left = self
                     .leave
                     .clear(leave, &normal, way_m, force, release_max_n, dt_s);
-                let patience_s = 2.0 + 3.0 * leave.distance_max_m / leave.speed_m_per_s;
+                let patience_s = self.clear_patience_s(program, config, limits);
                 if left == Leaving::Opposed
                     || way_m > leave.distance_max_m
                     || self.time_in_phase_s() > patience_s
@@ -184,9 +186,12 @@ impl Run {
         &mut self,
         program: &Program,
         config: &ControllerConfig,
+        limits: &Limits,
         chart: Option<&SurfaceChart>,
         percept: &Percept,
     ) {
+        let touch_n = real_touch_n(config, program.task.force.reference_n);
+        let speed_max = self.free_speed_max(program, config, limits, touch_n);
         if let Some(landing) = self.hops.landing() {
             let normal = self.surface.normal;
             let in_plane = self.tracking.drawn(landing.offset, &normal);
@@ -197,7 +202,7 @@ impl Run {
                 config,
                 percept,
                 &Landing { lands, to, normal },
-                0.0,
+                (speed_max, 0.0),
             );
         }
         let Some(landing) = self.tracking.landing(&program.path, self.lift.past_s) else {
@@ -243,17 +248,18 @@ impl Run {
             to,
             normal: to_normal,
         };
-        self.go_over(program, config, percept, &at, bulge_m);
+        self.go_over(program, config, percept, &at, (speed_max, bulge_m));
     }
 
-    /// Sets the route to a landing, with its middle at least `bulge_m` above the straight line, m.
+    /// Sets the route to a landing, no faster than `speed_max` (m/s), and with its middle at least
+    /// `bulge_m` above the straight line, m.
     fn go_over(
         &mut self,
         program: &Program,
         config: &ControllerConfig,
         percept: &Percept,
         landing: &Landing,
-        bulge_m: f64,
+        (speed_max, bulge_m): (f64, f64),
     ) {
         let rise = program.path.rise();
         let (from, from_normal) = (percept.position, self.surface.normal);
@@ -273,7 +279,7 @@ impl Run {
         };
         let bounds = &config.path;
         let length_m = way_m.max(1e-4);
-        let speed = (rise.speed_m_per_s / length_m)
+        let speed = (rise.speed_m_per_s.min(speed_max) / length_m)
             .min(config.alignment.turn_rate_max_rad_per_s / turn_rad.max(1e-6));
         // A hop rises higher at both ends.
         let climbed_m = if self.hops.is_under_way() {
@@ -349,13 +355,14 @@ impl Run {
         }
     }
 
-    /// Motion of phase `lift`; `speed_scaling` is the robot's own, 0 to 1.
-    pub(super) fn lift_twist(
+    /// Motion of phase `lift`.
+    pub(super) fn lift_twist<const N: usize>(
         &mut self,
+        program: &Program,
         config: &ControllerConfig,
+        limits: &Limits,
         percept: &Percept,
-        dt_s: f64,
-        speed_scaling: f64,
+        input: &ControlInput<N>,
     ) -> Twist<Aligned<Tool, Base>> {
         let Some(wrench) = &percept.wrench else {
             return Twist::zero();
@@ -369,9 +376,9 @@ impl Run {
                 config.alignment.turn_rate_max_rad_per_s,
             )
         };
+        let (dt_s, off_speed) = (input.dt_s, self.clear_speed(program, config, limits));
         match &mut self.lift.stage {
             Stage::Off => {
-                let speed = config.leave.speed_m_per_s;
                 let normal = self.surface.normal;
                 // Against a ledge it would catch at its rim: first back, then up.
                 let way = if self.is_held(&wrench.force) {
@@ -380,12 +387,13 @@ impl Run {
                 } else {
                     normal
                 };
-                Twist::new(way * speed, Vector3::zeros())
+                Twist::new(way * off_speed, Vector3::zeros())
             }
             Stage::Above => Twist::new(Vector3::zeros(), turn(&self.surface.normal)),
             Stage::Over(route) => {
                 let (place, _) = route.at(route.time_s);
-                route.time_s += dt_s * speed_scaling.clamp(0.0, 1.0);
+                // The robot scales the speed of its motions itself.
+                route.time_s += dt_s * input.speed_scaling.clamp(0.0, 1.0);
                 let (next, normal) = route.at(route.time_s);
                 let back = clamp_norm(
                     (place - percept.position) * GAIN_PER_S,

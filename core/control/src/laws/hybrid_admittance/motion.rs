@@ -73,17 +73,20 @@ pub(super) fn wanted_twist<const N: usize>(
             let speed = run.seek_speed(config, reference_n, &percept.position);
             Twist::new(normal * -speed, still)
         }
-        Phase::Lift => run.lift_twist(config, percept, input.dt_s, input.speed_scaling),
+        Phase::Lift => run.lift_twist(program, config, limits, percept, input),
         Phase::Retract => {
             let velocity = match &run.yielding {
                 Some(yielding) => yielding.velocity,
-                None => run.retract * run.retract_speed(program, config, percept),
+                None => run.retract * run.retract_speed(program, config, limits, percept),
             };
             Twist::new(velocity, still)
         }
         // Without a wrench the tool stands: it could not detect an obstacle.
         Phase::Clear if percept.wrench.is_none() || run.paused => Twist::zero(),
-        Phase::Clear => Twist::new(run.retract * config.leave.speed_m_per_s, still),
+        Phase::Clear => Twist::new(
+            run.retract * run.clear_speed(program, config, limits),
+            still,
+        ),
         Phase::Hold if run.stands_without_wrench() => {
             run.tracking.freeze();
             run.force.rest();

@@ -1,7 +1,8 @@
 //! Speed of a touchdown: the force that builds up before the loop can respond is speed times
 //! stiffness times delay, whatever the gains.
 //!
-//! Called by the run for the approach and for seeking a lost surface.
+//! Called by the run for the approach, for seeking a lost surface, and for motions off the surface
+//! and above it, which should touch nothing.
 
 use super::config::ControllerConfig;
 use super::delay_in_use::delay_longest_s;
@@ -19,8 +20,9 @@ const PEAK_SHARE: f64 = 2.0;
 /// reference if that is less.
 const REAL_FACTOR: f64 = 2.0;
 const REAL_SHARE: f64 = 0.8;
-/// Minimum touchdown speed, m/s.
+/// Minimum touchdown speed, and minimum speed of a motion that should touch nothing, m/s.
 const SPEED_MIN_M_PER_S: f64 = 0.0005;
+const FREE_SPEED_MIN_M_PER_S: f64 = 0.002;
 
 /// Force from which the tool touches, N.
 pub(crate) fn touch_force_n(config: &ControllerConfig, reference_n: f64) -> f64 {
@@ -59,6 +61,20 @@ pub(crate) fn touchdown_speed(
     let gentle = room_n / (stiffness_n_per_m * BLIND_SHARE * longest_s);
     let bounded = peak_room_n / (STIFFER * stiffness_n_per_m * longest_s);
     gentle.min(bounded).max(SPEED_MIN_M_PER_S)
+}
+
+/// Maximum speed of a motion that should touch nothing, m/s: something as stiff as
+/// `stiffness_n_per_m` (N/m), met all the same and noticed from `noticed_n` (N) on, leaves the
+/// force within `force_max_n` (N).
+pub(crate) fn free_speed_max(
+    config: &ControllerConfig,
+    force_max_n: f64,
+    noticed_n: f64,
+    stiffness_n_per_m: f64,
+) -> f64 {
+    let room_n = (force_max_n - noticed_n).max(0.0);
+    let bound = room_n / (stiffness_n_per_m * delay_longest_s(&config.force));
+    bound.max(FREE_SPEED_MIN_M_PER_S)
 }
 
 /// Speed of the approach, m/s: the task's, slowed for the stiffest contact expected.

@@ -118,8 +118,8 @@ impl Run {
             && self.travel.has_touched(force, spec.force_max_n, input.dt_s)
         {
             // The direction away from what was touched is not known.
-            self.clearance = Clearance::Unknown;
-            return self.leave(percept, Some(Fault::TravelTouched));
+            let none = input.base_from_tool.rotate(&self.travel.force_before());
+            return self.begin_to_yield(percept, Fault::TravelTouched, none, spec.force_max_n);
         }
         let near = self.travel.left_rad <= spec.tolerance_rad;
         let stands_there = !std::mem::replace(&mut self.travel.begun, true) && near;

@@ -76,7 +76,8 @@ impl<const N: usize> Controller<N> {
             .is_some_and(|c| c.is_planning());
         if self.run.awaits_route() && !planning {
             let chart = self.memory.chart.as_deref();
-            self.run.set_route(program, &self.config, chart, &percept);
+            self.run
+                .set_route(program, &self.config, &self.limits, chart, &percept);
         }
         if !self.run.phase.is_active() {
             return self.stand(input);
