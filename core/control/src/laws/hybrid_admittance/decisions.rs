@@ -312,7 +312,8 @@ impl Run {
         if self.paused {
             return Way::On;
         }
-        if !self.gives_way {
+        // A tool that explores goes to and fro, and not on.
+        if !self.gives_way && !self.exploration.is_open() {
             self.losses.slides_on(dt_s);
         }
         if over_m <= 0.0 {
