@@ -49,7 +49,9 @@ impl Run {
     ) {
         let dt = input.dt_s;
         self.in_phase_s += dt;
-        self.gives_way &= self.phase.is_pressing() || self.in_phase_s < BRAKES_S;
+        let just_left = self.phase.is_pressing() || self.in_phase_s < BRAKES_S;
+        self.gives_way &= just_left;
+        self.brakes &= just_left;
         self.paused = requests.paused;
         if self.paused {
             self.paused_s += dt;

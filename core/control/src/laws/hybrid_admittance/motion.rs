@@ -247,8 +247,9 @@ impl Run {
                 dt_s: input.dt_s,
             },
         );
-        self.gives_way = way.speed_share < 1.0;
-        if self.gives_way {
+        self.gives_way = way.gives_way;
+        self.brakes = way.speed_share < 1.0;
+        if self.brakes {
             self.tracking.brake(way.speed_share);
         }
         way

@@ -63,6 +63,8 @@ pub(crate) struct Run {
     pub side: SideLoad,
     /// Whether something along the surface stands in the way, or pushes.
     pub gives_way: bool,
+    /// Whether a load along the surface slows the path.
+    pub brakes: bool,
     /// Whether earlier passes have shown the surface: the normal does not wander.
     pub knows_surface: bool,
     pub ledge: Ledge,
@@ -145,6 +147,7 @@ impl Run {
             acting: ActingPoint::default(),
             side: SideLoad::default(),
             gives_way: false,
+            brakes: false,
             knows_surface: false,
             ledge: Ledge::default(),
             in_contact: false,

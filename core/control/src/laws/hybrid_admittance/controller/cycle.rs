@@ -121,7 +121,8 @@ impl<const N: usize> Controller<N> {
         } else {
             self.moving_base.against_base(&input.base_from_tool, wanted)
         };
-        let twist = if self.run.gives_way || self.run.yielding.is_some() {
+        let brakes = self.run.gives_way || self.run.brakes || self.run.yielding.is_some();
+        let twist = if brakes {
             self.limiter.brake(&self.limits, wanted, input.dt_s)
         } else {
             self.limiter.step(&self.limits, wanted, input.dt_s)
