@@ -230,7 +230,7 @@ impl Run {
 
     /// Speed straight off the surface, m/s, that does not exceed `most`: from rest, so that a way
     /// that leads into the surface is noticed while it is slow.
-    fn from_rest(&self, config: &ControllerConfig, most: f64) -> f64 {
+    fn speeding_up(&self, config: &ControllerConfig, most: f64) -> f64 {
         most.min(config.path.acceleration_m_per_s2 * self.in_phase_s)
     }
 
@@ -252,7 +252,7 @@ impl Run {
         config: &ControllerConfig,
         limits: &Limits,
     ) -> f64 {
-        self.from_rest(config, self.clear_speed_max(program, config, limits))
+        self.speeding_up(config, self.clear_speed_max(program, config, limits))
     }
 
     /// Longest phase `clear`, and longest way straight off the surface in phase `lift`, s.
@@ -290,7 +290,7 @@ impl Run {
         } else {
             most.min(config.leave.blind_speed_m_per_s)
         };
-        self.from_rest(config, most)
+        self.speeding_up(config, most)
     }
 
     /// Distance of a retraction back to where the tool was tared, m, if it has touched nothing

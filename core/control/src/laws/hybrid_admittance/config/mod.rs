@@ -174,8 +174,8 @@ pub struct PaceConfig {
     /// its speed at the least; 0: never.
     pub excess_share: f64,
     /// Load along the surface, beyond 1.5 times the friction that the contact has shown, from which
-    /// the path stops and the tool gives way, N; half of it, beyond 1.3 times that friction, slows the
-    /// path. 0: never.
+    /// the path stops and the tool gives way, N; half of it, beyond 1.3 times that friction, slows
+    /// the path. 0: never.
     pub side_least_n: f64,
     /// Length of the path over which the tool lifts where something stands in the way, m; 0: never.
     pub over_m: f64,
