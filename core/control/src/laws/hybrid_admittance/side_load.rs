@@ -86,12 +86,15 @@ impl GiveWay {
 pub(crate) struct SideLoad {
     /// Share of the pressing force that acts along the surface.
     share: f64,
+    /// The same with the load of a slow tool, which may be that of a ledge.
+    share_slow: f64,
 }
 
 impl Default for SideLoad {
     fn default() -> Self {
         Self {
             share: SHARE_AT_FIRST,
+            share_slow: SHARE_AT_FIRST,
         }
     }
 }
@@ -119,13 +122,18 @@ impl SideLoad {
                 velocity: now.aside * (speed / aside_n),
             };
         }
-        let explained_n = self.share.max(SLOW_SHARE_LEAST) * pressing_n(SLOW_PRESSING_MAX);
+        let explained_n = self.share_slow.max(SLOW_SHARE_LEAST) * pressing_n(SLOW_PRESSING_MAX);
         let free_n = SLOW_LEAST * config.side_least_n + SLOW_FACTOR * explained_n;
         let slow = (aside_n - free_n) / ((SLOW_FROM - 1.0) * free_n);
         let slides = now.speed_m_per_s > SLIDES_M_PER_S || slow > 0.0;
         if slides && now.pressing_n > 0.5 * now.reference_n {
             let share = aside_n / now.pressing_n;
-            self.share += (share - self.share) * (now.dt_s / LEARNT_S).min(1.0);
+            let gain = (now.dt_s / LEARNT_S).min(1.0);
+            self.share_slow += (share - self.share_slow) * gain;
+            self.share_slow = self.share_slow.min(SHARE_AT_FIRST);
+            if slow <= 0.0 {
+                self.share += (share - self.share) * gain;
+            }
         }
         GiveWay {
             speed_share: (1.0 - slow.max(0.0)).max(SLOW),
@@ -214,6 +222,20 @@ mod tests {
             speeds_up.is_some_and(|k| (20..130).contains(&k)),
             "{speeds_up:?}"
         );
+    }
+
+    #[test]
+    fn a_ledge_that_the_tool_creeps_into_is_not_learnt() {
+        // 2 mm/s into 5 kN/m.
+        let config = PaceConfig::default();
+        let mut side = SideLoad::default();
+        for _ in 0..500 {
+            side.step(&config, &sliding(1.0, 5.0));
+        }
+        let gives_way_n = (0..1000)
+            .map(|k| 1.0 + 0.08 * f64::from(k))
+            .find(|aside_n| side.step(&config, &sliding(*aside_n, 5.0)).gives_way);
+        assert!(gives_way_n.is_some_and(|n| n < 6.0), "{gives_way_n:?}");
     }
 
     #[test]
