@@ -145,7 +145,7 @@ fn a_touch_on_the_way_stops_the_arm_and_the_next_start_asks_a_person() {
     }
     assert_eq!(bench.last.as_ref().unwrap().phase, Phase::Fault);
     assert!(speed > 0.05 && bench.last.as_ref().unwrap().qd.amax() == 0.0);
-    assert!(way_m < 0.012, "{way_m}");
+    assert!(way_m < 0.01, "{way_m}");
     assert_eq!(bench.controller.clearance(), Clearance::Unknown);
     let error = bench
         .controller

@@ -118,7 +118,9 @@ fn until_it_stands_n(law: Law, stiffness: f64, speed_m_per_s: f64) -> f64 {
             let stiffer = (stiffness / EXPECTED_N_PER_M).max(1.0);
             (3.0 + 5.0 + speed_m_per_s * 0.05 * stiffness).min(1.2 * stiffer * force_max_n)
         }
-        Law::Hybrid | Law::Unified => force_max_n,
+        // The arm itself is compliant: only a fast one may exceed the bound of the task.
+        Law::Hybrid | Law::Unified if speed_m_per_s > SPEEDS[0] => force_max_n,
+        Law::Hybrid | Law::Unified => 0.0,
     }
 }
 

@@ -86,7 +86,8 @@ impl GiveWay {
 pub(crate) struct SideLoad {
     /// Share of the pressing force that acts along the surface.
     share: f64,
-    /// The same with the load of a slow tool, which may be that of a ledge.
+    /// Share of the pressing force that acts along the surface, also while a load slows the tool:
+    /// it may be that of a ledge.
     share_slow: f64,
 }
 
@@ -157,6 +158,15 @@ mod tests {
         }
     }
 
+    /// After sliding with a friction of 0.2 under 5 N.
+    fn slid() -> SideLoad {
+        let mut side = SideLoad::default();
+        for _ in 0..500 {
+            side.step(&PaceConfig::default(), &sliding(1.0, 5.0));
+        }
+        side
+    }
+
     #[test]
     fn friction_is_no_reason_to_stop_even_if_it_varies() {
         let config = PaceConfig::default();
@@ -171,11 +181,7 @@ mod tests {
 
     #[test]
     fn a_ledge_stops_the_path_and_the_tool_gives_way() {
-        let config = PaceConfig::default();
-        let mut side = SideLoad::default();
-        for _ in 0..500 {
-            side.step(&config, &sliding(1.0, 5.0));
-        }
+        let (config, mut side) = (PaceConfig::default(), slid());
         let met = side.step(&config, &sliding(13.0, 6.0));
         assert_eq!(met.speed_share, 0.0);
         // 13 N, of which 4.5 N may be friction, and 2 N are always allowed.
@@ -190,11 +196,7 @@ mod tests {
     /// Share of the path's speed at a load of `aside_n`, cycle by cycle, after sliding with a
     /// friction of 0.2 under 5 N.
     fn at_a_load(aside_n: f64, cycles: usize) -> Vec<GiveWay> {
-        let config = PaceConfig::default();
-        let mut side = SideLoad::default();
-        for _ in 0..500 {
-            side.step(&config, &sliding(1.0, 5.0));
-        }
+        let (config, mut side) = (PaceConfig::default(), slid());
         let load = sliding(aside_n, 5.0);
         (0..cycles).map(|_| side.step(&config, &load)).collect()
     }
@@ -227,11 +229,7 @@ mod tests {
     #[test]
     fn a_ledge_that_the_tool_creeps_into_is_not_learnt() {
         // 2 mm/s into 5 kN/m.
-        let config = PaceConfig::default();
-        let mut side = SideLoad::default();
-        for _ in 0..500 {
-            side.step(&config, &sliding(1.0, 5.0));
-        }
+        let (config, mut side) = (PaceConfig::default(), slid());
         let gives_way_n = (0..1000)
             .map(|k| 1.0 + 0.08 * f64::from(k))
             .find(|aside_n| side.step(&config, &sliding(*aside_n, 5.0)).gives_way);
