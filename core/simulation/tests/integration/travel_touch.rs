@@ -19,8 +19,8 @@ fn cell(set: &[String]) -> AdmittanceLoop {
     AdmittanceLoop::new(&scenario).unwrap()
 }
 
-/// Meets a wall 3 mm above the tool; returns the largest true force, and the one with which the tool
-/// rests, N.
+/// Meets a wall 3 mm above the tool; returns the largest true force, and the one with which the
+/// tool rests, N.
 fn meets_a_wall(stiffness_n_per_m: f64) -> (f64, f64) {
     let mut q = Vector6::zeros();
     let _ = cell(&[]).step(&mut |c| q = c.input.q);
