@@ -40,6 +40,8 @@ pub enum Fault {
     SurfaceLost,
     /// The surface ends, or falls away more sharply than the tool can follow.
     SurfaceEnds,
+    /// The normal in use turned further than the tool's way over a surface explains.
+    NormalAstray,
     /// Contact was lost too often.
     ContactUnstable,
     /// The arm does not follow the path.
@@ -142,6 +144,9 @@ impl Fault {
             }
             Self::SurfaceEnds => {
                 "surface ends or falls away here: keep the path off its edges, or take a larger tip"
+            }
+            Self::NormalAstray => {
+                "the normal turned further than the way over a surface explains: check the sensor's zero and mounting, and [tool.tip]"
             }
             Self::PathBlocked => {
                 "the arm does not follow the path: it is near a singularity or a joint's limit, or something is in the way"

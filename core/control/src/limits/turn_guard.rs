@@ -20,6 +20,7 @@ const LEASH_M: f64 = 0.006;
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct TurnGuard {
     anchor: Option<(Vector3<f64>, Vector3<f64>)>,
+    tripped: bool,
 }
 
 impl TurnGuard {
@@ -53,11 +54,16 @@ impl TurnGuard {
         } else {
             0.0
         };
-        angle_between(explained, normal) > turn_max_rad + away_rad
+        let is_beyond = angle_between(explained, normal) > turn_max_rad + away_rad;
+        self.tripped |= is_beyond;
+        is_beyond
     }
-}
 
-impl TurnGuard {
+    /// Whether the normal has ever turned further than explained.
+    pub fn has_tripped(&self) -> bool {
+        self.tripped
+    }
+
     /// Direction (unit) away from a surface whose normal in use turned further than explained,
     /// after an approach along `approach` (unit): half-way between the normal that the way explains
     /// and the way that the tool came.

@@ -17,6 +17,7 @@ mod deaf_sensor;
 mod depth_normal;
 mod depth_scenes;
 mod energy_balance;
+mod late_arm;
 mod learning;
 mod moving_base;
 mod nees;

@@ -468,6 +468,24 @@ fn a_force_along_the_surface_at_a_rim_says_that_the_surface_ends() {
 /// At 1.1 N the drift of the zero and noise reach the force that counts as a touch, above the
 /// surface. It is no loss of contact, and the surface does not end there.
 #[test]
+fn a_normal_that_turns_too_far_is_named_as_such() {
+    // A tool that lands further off than its normal may turn.
+    let landed_off = (0..20).map(|number| draw(SurfaceKind::Sphere, number, SEED));
+    let landed_off = landed_off.filter(|draw| draw.conditions().landed_deg > 18.0);
+    let mut count = 0;
+    for draw in landed_off.take(3) {
+        let run = run_with(&draw, &["control.normal.turn_max_rad=0.1"]);
+        let fault = run.fault.unwrap();
+        assert!(
+            fault.contains("the normal turned further"),
+            "{draw}: {fault}"
+        );
+        count += 1;
+    }
+    assert_eq!(count, 3);
+}
+
+#[test]
 fn a_touch_in_the_air_does_not_end_the_task() {
     let draw = draw(SurfaceKind::Plane, 86, SEED);
     assert!(draw.to_string().contains("1.1 N"), "{draw}");

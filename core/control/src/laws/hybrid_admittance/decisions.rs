@@ -327,7 +327,8 @@ impl Run {
 
     /// The cause of a fault. A force along the surface, at a rim or beside it, is that of the rim;
     /// and so is a pressing force that does not answer while the tool, beside the surface, is held
-    /// aside.
+    /// aside. A normal that turns without a way follows a force which, by then, need not point along
+    /// the surface.
     fn cause(&self, fault: Fault, percept: &Percept) -> Fault {
         let is_beside = self.is_beside_surface(percept);
         let is_rim = match fault {
@@ -337,7 +338,11 @@ impl Run {
             Fault::Wrench(Validity::Unresponsive) => is_beside && self.felt.is_aside(),
             _ => false,
         };
-        if is_rim { Fault::SurfaceEnds } else { fault }
+        match fault {
+            _ if is_rim => Fault::SurfaceEnds,
+            Fault::Wrench(Validity::Misdirected) if self.turn.has_tripped() => Fault::NormalAstray,
+            _ => fault,
+        }
     }
 
     /// Whether the normal turns away where contact was lost, or further than the path can follow.

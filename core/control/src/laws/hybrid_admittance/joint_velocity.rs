@@ -25,10 +25,10 @@ impl<const N: usize> Default for JointVelocity<N> {
 }
 
 impl<const N: usize> JointVelocity<N> {
-    /// Joint velocities (rad/s) for `twist` at `q`, and the manipulability there. Limits of speed
-    /// and of acceleration keep the direction of motion; near an end stop only that joint slows
-    /// down. `normal` (unit, base axes) is the direction in which the tool presses: its speed is
-    /// kept.
+    /// Joint velocities (rad/s) for `twist`, which the arm at `q` makes `lead_s` from now, and the
+    /// manipulability there. Limits of speed and of acceleration keep the direction of motion; near
+    /// an end stop only that joint slows down. `normal` (unit, base axes) is the direction in which
+    /// the tool presses: its speed is kept.
     #[expect(
         clippy::too_many_arguments,
         reason = "the arm, its limits and one cycle's state, each with its own owner"
@@ -39,11 +39,14 @@ impl<const N: usize> JointVelocity<N> {
         flange_from_tool: &Pose<Flange, Tool>,
         limits: &Limits,
         q: &Joints<N>,
+        lead_s: f64,
         twist: &Twist<Aligned<Tool, Base>>,
         normal: Option<&Vector3<f64>>,
         dt_s: f64,
     ) -> (Joints<N>, f64) {
-        let jacobian = arm.jacobian_at(q, flange_from_tool);
+        // Until then, the arm makes the commands that are under way.
+        let then = q + self.last * lead_s;
+        let jacobian = arm.jacobian_at(&then, flange_from_tool);
         let mut wanted = limits.singularity.solve(&jacobian, &twist.vector());
         if !wanted.iter().all(|x| x.is_finite()) {
             wanted = Joints::zeros();
@@ -142,11 +145,13 @@ mod tests {
         let (q, tool) = (arm.home(), Pose::identity());
         let twist = |x: f64| Twist::from_vector(&Vector6::new(x, 0.1 * x, -x, x, 0.0, 2.0 * x));
         let mut law = JointVelocity::default();
-        let mut step =
-            |x: f64, dt_s: f64| law.step(&arm, &tool, &limits, &q, &twist(x), None, dt_s).0;
+        let mut step = |x: f64, dt_s: f64| {
+            law.step(&arm, &tool, &limits, &q, 0.0, &twist(x), None, dt_s)
+                .0
+        };
         let from = step(0.1, 10.0);
         let to = JointVelocity::default()
-            .step(&arm, &tool, &limits, &q, &twist(-0.1), None, 10.0)
+            .step(&arm, &tool, &limits, &q, 0.0, &twist(-0.1), None, 10.0)
             .0;
         let change = step(-0.1, 0.004) - from;
         let most = limits.joint_acceleration_max_rad_per_s2 * 0.004;
@@ -159,6 +164,39 @@ mod tests {
         assert_eq!(step(-0.1, 0.0), from + change);
     }
 
+    /// An arm that makes every command 40 ms later than it is given, while the tool moves sideways
+    /// and turns.
+    #[test]
+    fn a_late_arm_makes_the_twist_where_it_then_is() {
+        let (arm, limits, tool) = (ur5(), Limits::default(), Pose::identity());
+        let twist = Twist::from_vector(&Vector6::new(0.0, 0.15, 0.0, 0.4, 0.0, 0.3));
+        let (dt_s, late) = (0.008, 5);
+        // Largest error of the velocity made, m/s, after the first half second.
+        let error = |lead_s: f64| {
+            let mut law = JointVelocity::default();
+            let mut q = arm.home();
+            let mut under_way = vec![Joints::zeros(); late];
+            let mut worst = 0.0f64;
+            for k in 0..150 {
+                let (qd, _) = law.step(&arm, &tool, &limits, &q, lead_s, &twist, None, dt_s);
+                under_way.push(qd);
+                let makes = under_way.remove(0);
+                if k > 60 {
+                    let made = arm.jacobian_at(&q, &tool) * makes - twist.vector();
+                    worst = worst.max(made.fixed_rows::<3>(0).norm());
+                }
+                q += makes * dt_s;
+            }
+            worst
+        };
+        let (late_m_per_s, compensated) = (error(0.0), error(0.04));
+        assert!(late_m_per_s > 1e-3, "{late_m_per_s}");
+        assert!(
+            compensated < 0.1 * late_m_per_s,
+            "{compensated} {late_m_per_s}"
+        );
+    }
+
     proptest! {
         #[test]
         fn joint_limits_hold_for_any_twist_and_pose(q in prop::array::uniform6(-7.0f64..7.0), v in prop::array::uniform6(-5.0f64..5.0)) {
@@ -167,7 +205,7 @@ mod tests {
             let (q, dt) = (Joints::from(q), 0.008);
             let mut before = Joints::zeros();
             for _ in 0..200 {
-                let (qd, _) = law.step(&arm, &Pose::identity(), &limits, &q, &Twist::from_vector(&Vector6::from(v)), Some(&Vector3::z()), dt);
+                let (qd, _) = law.step(&arm, &Pose::identity(), &limits, &q, 0.05, &Twist::from_vector(&Vector6::from(v)), Some(&Vector3::z()), dt);
                 for i in 0..6 {
                     prop_assert!(qd[i].abs() <= arm.limits().velocity[i] * limits.joint_speed_share + 1e-9);
                     let room = arm.limits().position_upper[i] - limits.joint_margin_rad - q[i];
@@ -191,7 +229,16 @@ mod tests {
         let mut qd = Joints::zeros();
         for _ in 0..100 {
             qd = law
-                .step(&arm, &flange_from_tool, &limits, &q, &twist, None, 0.008)
+                .step(
+                    &arm,
+                    &flange_from_tool,
+                    &limits,
+                    &q,
+                    0.0,
+                    &twist,
+                    None,
+                    0.008,
+                )
                 .0;
         }
         let moved = arm.jacobian_at(&q, &flange_from_tool) * qd;
@@ -215,7 +262,16 @@ mod tests {
                 let mut qd = Joints::zeros();
                 for _ in 0..200 {
                     qd = law
-                        .step(&arm, &Pose::identity(), &limits, &q, &twist, normal, 0.008)
+                        .step(
+                            &arm,
+                            &Pose::identity(),
+                            &limits,
+                            &q,
+                            0.0,
+                            &twist,
+                            normal,
+                            0.008,
+                        )
                         .0;
                 }
                 (arm.jacobian_at(&q, &Pose::identity()) * qd)

@@ -85,6 +85,14 @@ impl Surface {
         self.shape = turned * self.shape * turned.inverse();
     }
 
+    /// Rotation of the surface under the tool within the next `lead_s`, base axes.
+    pub fn rotation_within(&self, config: &NormalConfig, lead_s: f64) -> Rotation3<f64> {
+        Rotation3::new(clamp_norm(
+            self.turn_rate * lead_s,
+            config.prediction_max_rad,
+        ))
+    }
+
     /// Turns the normal in use, by at most `turn_max_rad`, towards the estimated one, or as far
     /// from it as what is learnt has weight.
     fn follow(&mut self, turn_max_rad: f64) {

@@ -155,6 +155,9 @@ pub struct PathConfig {
     pub jerk_m_per_s3: f64,
     /// Time in which the path's clock stops or reaches full speed on pause and resume, s.
     pub clock_ramp_s: f64,
+    /// Whether commands are those for where the tool will be when the arm makes them, one delay of
+    /// the arm ahead, and not for where it is.
+    pub delay_compensated: bool,
 }
 
 /// Speed of the path by the certainty of the normal, and the exploration before it.
@@ -296,6 +299,7 @@ impl Default for PathConfig {
             acceleration_m_per_s2: profile.acceleration_m_per_s2,
             jerk_m_per_s3: profile.jerk_m_per_s3,
             clock_ramp_s: profile.clock_ramp_s,
+            delay_compensated: false,
         }
     }
 }

@@ -100,10 +100,16 @@ impl<const N: usize> Controller<N> {
             .measured_s(&self.delay)
             .map(|(mean, _)| mean);
         let delay_s = measured_s.unwrap_or(self.config.force.loop_delay_s);
+        let arm_delay_s = (delay_s - sensing_s).max(0.0);
         let learning = self.memory.learner.as_deref_mut().map(|learner| Learning {
             learner,
-            lead_s: (delay_s - sensing_s).max(0.0),
+            lead_s: arm_delay_s,
         });
+        let lead_s = if self.config.path.delay_compensated {
+            arm_delay_s
+        } else {
+            0.0
+        };
         let wanted = wanted_twist(
             &mut self.run,
             program,
@@ -113,6 +119,7 @@ impl<const N: usize> Controller<N> {
             &percept,
             reference_n,
             speed_factor,
+            lead_s,
             learning,
         );
         // The sensor is tared with the arm at rest; all other phases are relative to the floor.
@@ -130,16 +137,16 @@ impl<const N: usize> Controller<N> {
         if let Some(learner) = &mut self.memory.learner {
             learner.commanded(&twist.linear, input.dt_s);
         }
+        let surface = &self.run.surface;
+        let normal = surface.rotation_within(&self.config.normal, lead_s) * surface.normal;
         let (qd, manipulability) = self.joints.step(
             &self.arm,
             &self.flange_from_tool,
             &self.limits,
             &input.q,
+            lead_s,
             &twist,
-            self.run
-                .phase
-                .is_pressing()
-                .then_some(&self.run.surface.normal),
+            self.run.phase.is_pressing().then_some(&normal),
             input.dt_s,
         );
         let moves_freely = matches!(
