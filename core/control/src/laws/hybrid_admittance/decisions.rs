@@ -327,8 +327,8 @@ impl Run {
 
     /// The cause of a fault. A force along the surface, at a rim or beside it, is that of the rim;
     /// and so is a pressing force that does not answer while the tool, beside the surface, is held
-    /// aside. A normal that turns without a way follows a force which, by then, need not point along
-    /// the surface.
+    /// aside. A normal that turns without a way follows a force that need not point along the
+    /// surface any more.
     fn cause(&self, fault: Fault, percept: &Percept) -> Fault {
         let is_beside = self.is_beside_surface(percept);
         let is_rim = match fault {
