@@ -465,8 +465,7 @@ fn a_force_along_the_surface_at_a_rim_says_that_the_surface_ends() {
     }
 }
 
-/// At 1.1 N the drift of the zero and noise reach the force that counts as a touch, above the
-/// surface. It is no loss of contact, and the surface does not end there.
+/// The turn of the normal ended the task before, and the cause given was a force along the surface.
 #[test]
 fn a_normal_that_turns_too_far_is_named_as_such() {
     // A tool that lands further off than its normal may turn. A weak one may lose contact before.
@@ -488,6 +487,8 @@ fn a_normal_that_turns_too_far_is_named_as_such() {
     assert_eq!(count, 3);
 }
 
+/// At 1.1 N the drift of the zero and noise reach the force that counts as a touch, above the
+/// surface. It is no loss of contact, and the surface does not end there.
 #[test]
 fn a_touch_in_the_air_does_not_end_the_task() {
     let draw = draw(SurfaceKind::Plane, 86, SEED);

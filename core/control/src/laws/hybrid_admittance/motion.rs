@@ -18,7 +18,7 @@ use crate::limits::{Limits, clamp_norm};
 use crate::parameters::live::Parameter;
 use crate::phase_machine::Phase;
 use crate::task::program::Program;
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use tangent_mechanics::{Aligned, Base, Tool, Twist};
 
 /// Friction expected when the radius of the exploration is chosen.
@@ -39,8 +39,8 @@ const EXPLORE_FORCE_N: f64 = 1.5;
 const GAIN_RAMP_S: f64 = 0.3;
 
 /// Desired velocity of the tool in the present phase, base axes: motion in the tangent plane, force
-/// along the normal, and alignment with the normal. It is for the place where the tool will be in
-/// `lead_s`.
+/// along the normal, and alignment with the normal. The surface will have turned by `turned` when
+/// the arm makes it.
 #[allow(clippy::too_many_arguments)] // One cycle's whole state; a struct for it would only be built and taken apart.
 pub(super) fn wanted_twist<const N: usize>(
     run: &mut Run,
@@ -51,7 +51,7 @@ pub(super) fn wanted_twist<const N: usize>(
     percept: &Percept,
     reference_n: f64,
     speed_factor: f64,
-    lead_s: f64,
+    turned: &Rotation3<f64>,
     learning: Option<Learning<'_>>,
 ) -> Twist<Aligned<Tool, Base>> {
     let normal = run.surface.normal;
@@ -159,10 +159,7 @@ pub(super) fn wanted_twist<const N: usize>(
                 run.acting.add(wrench, pose, input.dt_s);
                 speed += run.acting.make_up_m_per_s(&(align + turn), pose, &normal);
             }
-            // The surface turns under the tool before the arm makes this motion.
-            let turned = run.surface.rotation_within(&config.normal, lead_s);
-            let velocity = turned * (along + normal * speed);
-            Twist::new(velocity, align + ahead + turn)
+            Twist::new(turned * (along + normal * speed), align + ahead + turn)
         }
         Phase::Idle | Phase::Done | Phase::Fault | Phase::Tare | Phase::Travel => Twist::zero(),
     }

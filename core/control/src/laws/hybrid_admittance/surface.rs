@@ -69,9 +69,8 @@ impl Surface {
         let turning = self.estimated.cross(&(self.shape * along));
         self.turn_rate = clamp_norm(turning, config.turn_rate_max_rad_per_s);
         let correction = input.map_or_else(Vector3::zeros, |input| {
-            let ahead = self.turn_rate * self.foresight_s(config, input.age_s, &along, given);
-            let now = Rotation3::new(clamp_norm(ahead, config.prediction_max_rad))
-                * input.estimate.normal;
+            let foresight_s = self.foresight_s(config, input.age_s, &along, given);
+            let now = self.rotation_within(config, foresight_s) * input.estimate.normal;
             rotation_to(&self.estimated, &now) / Self::filter_s(config, &input.estimate).max(dt_s)
         });
         let rate = clamp_norm(self.turn_rate + correction, config.turn_rate_max_rad_per_s);
@@ -85,12 +84,10 @@ impl Surface {
         self.shape = turned * self.shape * turned.inverse();
     }
 
-    /// Rotation of the surface under the tool within the next `lead_s`, base axes.
-    pub fn rotation_within(&self, config: &NormalConfig, lead_s: f64) -> Rotation3<f64> {
-        Rotation3::new(clamp_norm(
-            self.turn_rate * lead_s,
-            config.prediction_max_rad,
-        ))
+    /// Rotation of the surface under the moving tool within `time_s`, base axes.
+    pub fn rotation_within(&self, config: &NormalConfig, time_s: f64) -> Rotation3<f64> {
+        let turned = self.turn_rate * time_s;
+        Rotation3::new(clamp_norm(turned, config.prediction_max_rad))
     }
 
     /// Turns the normal in use, by at most `turn_max_rad`, towards the estimated one, or as far

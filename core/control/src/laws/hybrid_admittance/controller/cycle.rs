@@ -110,6 +110,10 @@ impl<const N: usize> Controller<N> {
         } else {
             0.0
         };
+        let turned = self
+            .run
+            .surface
+            .rotation_within(&self.config.normal, lead_s);
         let wanted = wanted_twist(
             &mut self.run,
             program,
@@ -119,7 +123,7 @@ impl<const N: usize> Controller<N> {
             &percept,
             reference_n,
             speed_factor,
-            lead_s,
+            &turned,
             learning,
         );
         // The sensor is tared with the arm at rest; all other phases are relative to the floor.
@@ -137,8 +141,7 @@ impl<const N: usize> Controller<N> {
         if let Some(learner) = &mut self.memory.learner {
             learner.commanded(&twist.linear, input.dt_s);
         }
-        let surface = &self.run.surface;
-        let normal = surface.rotation_within(&self.config.normal, lead_s) * surface.normal;
+        let normal = turned * self.run.surface.normal;
         let (qd, manipulability) = self.joints.step(
             &self.arm,
             &self.flange_from_tool,
