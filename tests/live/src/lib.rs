@@ -129,8 +129,8 @@ fn runs_max() -> usize {
     }
 }
 
-/// Runs the test up to `runs_max` times, which is asked after each run. A run has its `place`, given
-/// by its number from 1.
+/// Runs the test up to `runs_max` times, which is asked after each run that failed. A run has its
+/// `place`, given by its number from 1.
 fn verdict<W>(
     test: impl Fn(),
     runs_max: impl Fn() -> usize,
