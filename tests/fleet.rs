@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use common::{Process, json, port_offset, root, run, stderr, wait_for};
 use serde_json::Value;
-use tangent_live::live;
+use tangent_live::live_in_half;
 use tangent_runtime::{Bus, CellConfig, Latest, Role};
 use tangent_schemas::tangent::{ArmCommand, ArmState, ControlState, NormalEstimate};
 use tangent_schemas::topics;
@@ -140,7 +140,7 @@ fn newest<M: tangent_schemas::Message>(reader: &mut Latest<M>) -> M {
 
 #[test]
 fn two_cells_share_a_router_and_nothing_else() {
-    live(|| {
+    live_in_half(|| {
         let mut fleet = Fleet::start();
         let viewers = [fleet.join(0, "viewer"), fleet.join(1, "viewer")];
         let mut arms = viewers

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use common::{json, number, port_offset, run, tangent, up, up_system, wait_for};
-use tangent_live::{live, live_beside_others};
+use tangent_live::{live_beside_others, live_in_half};
 
 const SCENARIO: &str = "pipe_realistic";
 
@@ -143,7 +143,7 @@ fn opens(recording: &Path, folder: &Path) {
 /// `evaluate`.
 #[test]
 fn up_lippiello_wipes_the_object_as_evaluate_does() {
-    live(|| {
+    live_in_half(|| {
         let folder = tempfile::tempdir().unwrap();
         let live = up_system("lippiello", folder.path());
         // Across the normal, touch says nothing of the object's position, and the camera's errors
@@ -198,7 +198,7 @@ fn up_lippiello_wipes_the_object_as_evaluate_does() {
 /// of the wrench, as in `evaluate`.
 #[test]
 fn up_karacan_wipes_the_wave_as_evaluate_does() {
-    live(|| {
+    live_in_half(|| {
         let folder = tempfile::tempdir().unwrap();
         let live = up_system("karacan", folder.path());
         let evaluation = json(&run(&["evaluate", "karacan_depth", "--json"]));

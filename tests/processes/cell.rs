@@ -14,7 +14,7 @@ use tangent_schemas::topics;
 use tempfile::TempDir;
 
 use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
-use tangent_live::{Places, alone, beside_others};
+use tangent_live::{Places, beside_others, half};
 
 /// Longest wait for any step that takes seconds at most on an idle machine; a machine that also
 /// builds is slow.
@@ -58,7 +58,7 @@ impl Cell {
             "cell.ur5e.toml",
             scenario,
             &[(plane, surface)],
-            alone(),
+            half(),
             change,
         )
     }
@@ -67,13 +67,13 @@ impl Cell {
     pub fn with_object() -> Self {
         let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
         let scenario = "scenarios/lippiello/lippiello_realistic.toml";
-        Self::shipped("cell.lippiello.toml", scenario, &[nearer], alone(), |_| {})
+        Self::shipped("cell.lippiello.toml", scenario, &[nearer], half(), |_| {})
     }
 
     /// A cell with a UR and a depth camera, which looks at a pipe.
     pub fn with_depth_camera() -> Self {
         let scenario = "scenarios/pipe_scan.toml";
-        Self::shipped("cell.scan.toml", scenario, &[], alone(), |_| {})
+        Self::shipped("cell.scan.toml", scenario, &[], half(), |_| {})
     }
 
     /// A cell with a Franka over a wave, with a depth camera.
@@ -86,7 +86,7 @@ impl Cell {
             "cell.karacan.toml",
             scenario,
             &[nearer, fewer],
-            alone(),
+            half(),
             |_| {},
         )
     }

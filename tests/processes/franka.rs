@@ -6,7 +6,7 @@ use tangent_runtime::clock::now_ns;
 use crate::cell::{Cell, Observer, PATIENCE, seconds};
 use crate::common::{stderr, wait_for};
 use crate::failures::shown_is_true;
-use tangent_live::live;
+use tangent_live::live_in_half;
 
 /// Time that a loaded machine may add to any time measured here, s.
 const SLACK_S: f64 = 1.5;
@@ -68,7 +68,7 @@ fn wipes_again(cell: &Cell, observer: &Observer) {
 /// loop moves off before it tares.
 #[test]
 fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
-    live(|| {
+    live_in_half(|| {
         let (mut cell, observer) = sliding(&APART);
         for _ in 0..2 {
             let killed = now_ns();
@@ -87,7 +87,7 @@ fn a_hard_loop_of_the_franka_killed_while_pressing_starts_again() {
 /// which the arm pressed on the wave became its zero.
 #[test]
 fn a_restarted_franka_bridge_refuses_a_tare_while_the_tool_presses() {
-    live(|| {
+    live_in_half(|| {
         let (mut cell, observer) = sliding(&APART);
         let killed = now_ns();
         cell.process(LOOP).kill();
@@ -116,7 +116,7 @@ fn a_restarted_franka_bridge_refuses_a_tare_while_the_tool_presses() {
 /// itself. An operator unlocks the robot, and the next task moves off before it tares.
 #[test]
 fn a_hard_loop_of_the_franka_that_hangs() {
-    live(|| {
+    live_in_half(|| {
         let (mut cell, observer) = sliding(&APART);
         let stopped = now_ns();
         cell.process(LOOP).signal("STOP");
@@ -140,7 +140,7 @@ fn a_hard_loop_of_the_franka_that_hangs() {
 /// them for two seconds, the tool leaves.
 #[test]
 fn the_router_of_the_franka_dies() {
-    live(|| {
+    live_in_half(|| {
         let names = [
             "router",
             "simulator",
@@ -172,7 +172,7 @@ fn the_router_of_the_franka_dies() {
 /// Touch alone is sufficient if the camera fails.
 #[test]
 fn the_depth_camera_dies_and_touch_goes_on() {
-    live(|| {
+    live_in_half(|| {
         // Long enough for the rest of the test, which waits for the end of the task.
         let (mut cell, observer) = sliding_for(12.0, &SERVICES);
         let killed = now_ns();
@@ -195,7 +195,7 @@ fn the_depth_camera_dies_and_touch_goes_on() {
 /// surface.
 #[test]
 fn the_estimator_of_the_franka_dies() {
-    live(|| {
+    live_in_half(|| {
         let (mut cell, observer) = sliding(&SERVICES);
         let killed = now_ns();
         cell.process("estimator").kill();
@@ -216,7 +216,7 @@ fn the_estimator_of_the_franka_dies() {
 /// The robot's user stop ends the task; nothing moves by itself when it is released.
 #[test]
 fn the_user_stop_of_the_franka_is_pressed() {
-    live(|| {
+    live_in_half(|| {
         let (cell, observer) = sliding(&SERVICES);
         let stopped = now_ns();
         cell.provoke("user_stop", "on");

@@ -5,7 +5,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, stderr, wait_for};
-use tangent_live::{live, live_beside_others};
+use tangent_live::{live_beside_others, live_in_half};
 
 const COMPOSED: [&str; 2] = ["router simulator netft estimator", "rtde controller"];
 /// RTDE `safety_mode` of a protective stop.
@@ -116,7 +116,7 @@ fn power_goes_off_and_on_and_a_task_starts() {
 /// A Franka has a reflex where a UR has a protective stop, and no command for its brakes.
 #[test]
 fn a_franka_reports_what_its_interface_does_not_support() {
-    live(|| {
+    live_in_half(|| {
         let mut cell = Cell::with_franka();
         cell.start_all(&["router", "simulator franka controller"]);
         let observer = Observer::join(&cell);

@@ -13,7 +13,7 @@ use tangent_simulation::{Surface, SurfaceConfig};
 use crate::cell::{Cell, Observer, PATIENCE};
 use crate::common::{json, root, stderr, wait_for};
 use crate::terminal::Terminal;
-use tangent_live::live;
+use tangent_live::live_in_half;
 
 const TOGETHER: &str = "router simulator rtde netft controller";
 
@@ -64,7 +64,7 @@ const MARGIN_M: f64 = 0.01;
 
 #[test]
 fn a_region_of_the_cameras_own_scan_is_wiped() {
-    live(|| {
+    live_in_half(|| {
         let mut cell = Cell::with_depth_camera();
         cell.start_all(&[TOGETHER, "camera", "estimator"]);
         let observer = Observer::join(&cell);
@@ -162,7 +162,7 @@ fn a_region_of_the_cameras_own_scan_is_wiped() {
 
 #[test]
 fn a_camera_that_dies_in_the_middle_leaves_what_it_has_seen() {
-    live(|| {
+    live_in_half(|| {
         let mut cell = Cell::with_depth_camera();
         cell.start_all(&[TOGETHER]);
         let observer = Observer::join(&cell);

@@ -39,7 +39,7 @@ const WAIT_MAX: Duration = Duration::from_millis(5);
 /// Number of tests that run beside each other, per core: a simulated UR at 125 Hz and its services
 /// need a tenth to a fifth of one.
 const PLACES_PER_CORE: usize = 2;
-/// Lock that each test shares which waits for all places, or has them.
+/// Lock that each test shares which waits for several places, or has all of them.
 const ALONE: &str = "alone";
 /// Number of runs of a test whose runs are invalidated.
 const RUNS: usize = 5;
@@ -79,6 +79,17 @@ pub fn live(test: impl Fn()) {
 pub fn live_beside_others(test: impl Fn()) {
     let place = |run| match run {
         1 => Place::shared(Some(beside_others())),
+        _ => Place::alone(),
+    };
+    verdict(test, runs_max, place, Watch::start, Watch::end, say);
+}
+
+/// Runs the test beside other tests, in half of this machine's places. For a cell that needs up to a
+/// core: one with a camera, or with a loop at 1 kHz. A repeated run is alone on the machine, as in
+/// [`live`].
+pub fn live_in_half(test: impl Fn()) {
+    let place = |run| match run {
+        1 => Place::shared(Some(half())),
         _ => Place::alone(),
     };
     verdict(test, runs_max, place, Watch::start, Watch::end, say);
@@ -184,18 +195,42 @@ thread_local! {
 /// tests that run alone.
 pub fn alone() -> Places {
     places(|| {
-        let wanted = lock_file(ALONE);
-        wanted.lock_shared().expect("the lock of those that wait");
-        // The places are waited for by one test at a time, so that no two hold half of them each.
-        let turn = lock_file("queue");
-        turn.lock().expect("the queue");
-        let places = (0..places_count()).map(|place| {
-            let lock = lock_file(&place.to_string());
-            lock.lock().expect("a place");
-            lock
-        });
-        places.chain([turn, wanted]).collect()
+        let (mut locks, wanted) = several(places_count());
+        locks.push(wanted);
+        locks
     })
+}
+
+/// Waits until half of the places of this machine are free, and takes them. A thread that has a
+/// place keeps that one. Goes before all tests that need one place.
+pub fn half() -> Places {
+    places(|| several(places_count().div_ceil(2)).0)
+}
+
+/// Waits for so many places, before all tests that need one, and takes them. Also returns the lock
+/// that keeps those tests waiting.
+fn several(count: usize) -> (Vec<File>, File) {
+    let wanted = lock_file(ALONE);
+    wanted.lock_shared().expect("the lock of those that wait");
+    // Several places are waited for by one test at a time, so that no two hold a part of theirs.
+    let turn = lock_file("queue");
+    turn.lock().expect("the queue");
+    let mut taken = vec![];
+    let mut free: Vec<usize> = (0..places_count()).collect();
+    while taken.len() < count {
+        free.retain(|place| {
+            let lock = lock_file(&place.to_string());
+            let is_taken = taken.len() < count && lock.try_lock().is_ok();
+            if is_taken {
+                taken.push(lock);
+            }
+            !is_taken
+        });
+        if taken.len() < count {
+            std::thread::park_timeout(LOOK);
+        }
+    }
+    (taken, wanted)
 }
 
 /// Waits until one place of this machine is free, and takes it. A thread that has a place keeps
@@ -203,7 +238,7 @@ pub fn alone() -> Places {
 pub fn beside_others() -> Places {
     places(|| {
         loop {
-            // Not while a test waits for all places, or has them.
+            // Not while a test waits for several places, or has all of them.
             let nobody_waits = lock_file(ALONE).try_lock().is_ok();
             for place in (0..places_count()).filter(|_| nobody_waits) {
                 let lock = lock_file(&place.to_string());
@@ -465,7 +500,7 @@ mod tests {
 
     #[test]
     fn a_thread_has_its_place_once() {
-        for place in [alone, beside_others] {
+        for place in [alone, half, beside_others] {
             let first = place();
             let second = alone();
             let third = beside_others();
@@ -487,12 +522,16 @@ mod tests {
     fn a_test_alone_has_all_places_and_one_beside_others_has_one() {
         let machine = alone();
         assert_eq!(free_places(), 0);
-        // With its turn, and the lock that lets it go first.
-        let locks = places_count() + 2;
+        // With the lock that lets it go first.
+        let locks = places_count() + 1;
         assert_eq!(machine.locks.as_ref().map(Vec::len), Some(locks));
         drop(machine);
         let place = beside_others();
         assert_eq!(place.locks.as_ref().map(Vec::len), Some(1));
+        drop(place);
+        let part = half();
+        let locks = places_count().div_ceil(2);
+        assert_eq!(part.locks.as_ref().map(Vec::len), Some(locks));
     }
 
     #[test]

@@ -18,7 +18,7 @@ use tangent_schemas::topics::{self, queries};
 
 use crate::cell::{Cell, Observer, PATIENCE, Seen};
 use crate::common::{Process, wait_for};
-use tangent_live::{alone, live};
+use tangent_live::{alone, live_in_half};
 
 use history::{History, Kind, Operation, Outcome, force_n, task_name};
 
@@ -305,7 +305,7 @@ fn run_history(seed: u64, time: Duration) {
 /// arm moved.
 #[test]
 fn what_was_refused_has_no_effect_and_what_was_done_has_one() {
-    live(|| run_history(20_261_122, Duration::from_secs(40)));
+    live_in_half(|| run_history(20_261_122, Duration::from_secs(40)));
 }
 
 /// Runs random requests for `TANGENT_REQUESTS_S` seconds, with the seed `TANGENT_REQUESTS_SEED`.
@@ -317,14 +317,14 @@ fn what_was_refused_has_no_effect_for_long() {
     };
     let seconds = number("TANGENT_REQUESTS_S", 600);
     let seed = number("TANGENT_REQUESTS_SEED", 1);
-    live(|| run_history(seed, Duration::from_secs(seconds)));
+    live_in_half(|| run_history(seed, Duration::from_secs(seconds)));
 }
 
 /// The router is stopped while a start is in transit: the answer must agree with what happens. If
 /// the standstill cost a process its link, there is no answer; a later start has one.
 #[test]
 fn a_start_while_the_router_stands_does_what_its_answer_says() {
-    live(start_while_the_router_stands);
+    live_in_half(start_while_the_router_stands);
 }
 
 fn start_while_the_router_stands() {

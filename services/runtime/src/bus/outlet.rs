@@ -1,7 +1,7 @@
 //! Outgoing messages: a queue per publisher, and the two threads that empty the queues, one for
 //! images and one for everything else.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{JoinHandle, Thread};
 use std::time::Duration;
@@ -22,6 +22,9 @@ use crate::ring::Ring;
 
 /// Messages of one lower class that are sent before the real-time queues are checked again.
 const BURST: usize = 8;
+/// Longest time that a message of a lower class waits after one before it. 7000 records per second
+/// would wake this thread, and those of each program that they pass through, once each.
+const LINGER: Duration = Duration::from_millis(1);
 
 /// Number of messages that may wait for the publishing thread before the oldest is dropped.
 fn capacity<M>(delivery: Delivery) -> usize {
@@ -171,7 +174,64 @@ struct Shared {
     outlets: Mutex<Vec<Arc<dyn AnyOutlet>>>,
     generation: AtomicU64,
     stopping: AtomicBool,
+    /// Whether the thread looks into all queues again within [`LINGER`], without being woken.
+    lingers: AtomicBool,
     recall: Option<Arc<Recall>>,
+}
+
+impl Shared {
+    /// Waits for the next message. After one of a lower class, further ones do not wake the thread,
+    /// but are sent together at the end of [`LINGER`].
+    fn wait(&self, lingers: bool) {
+        if lingers {
+            self.lingers.store(true, Ordering::Release);
+            std::thread::park_timeout(LINGER);
+            self.lingers.store(false, Ordering::Relaxed);
+            // Whoever has seen `true` has queued its message before.
+            fence(Ordering::SeqCst);
+        } else {
+            std::thread::park_timeout(Duration::from_secs(1));
+        }
+    }
+
+    /// Whether a message with this delivery, which has just been queued, is sent only if the thread
+    /// is woken.
+    fn must_wake(&self, delivery: Delivery) -> bool {
+        if delivery == Delivery::RealTime {
+            return true;
+        }
+        // The message is in its queue before the thread is seen to linger.
+        fence(Ordering::SeqCst);
+        !self.lingers.load(Ordering::Relaxed)
+    }
+}
+
+/// Wakes a publishing thread.
+pub(crate) struct Waker {
+    shared: Arc<Shared>,
+    thread: Option<Thread>,
+    delivery: Delivery,
+}
+
+impl Waker {
+    /// Sees to it that a message that has just been queued is sent. No lock.
+    pub(crate) fn queued(&self) {
+        if self.shared.must_wake(self.delivery) {
+            self.wake();
+        }
+    }
+
+    /// Wakes the thread.
+    pub(crate) fn wake(&self) {
+        if let Some(thread) = &self.thread {
+            thread.unpark();
+        }
+    }
+
+    /// The thread, if it could be started.
+    pub(crate) fn thread(&self) -> Option<Thread> {
+        self.thread.clone()
+    }
 }
 
 /// The publishing threads. Images have their own: Zenoh makes the fragments of one wait for the
@@ -209,9 +269,14 @@ impl Pump {
         shared.generation.fetch_add(1, Ordering::Release);
     }
 
-    /// The thread that sends messages with this delivery.
-    pub(crate) fn thread(&self, delivery: Delivery) -> Option<Thread> {
-        self.lane(delivery).thread.clone()
+    /// Wakes the thread that sends messages with this delivery.
+    pub(crate) fn waker(&self, delivery: Delivery) -> Waker {
+        let lane = self.lane(delivery);
+        Waker {
+            shared: Arc::clone(&lane.shared),
+            thread: lane.thread.clone(),
+            delivery,
+        }
     }
 
     pub(crate) fn dropped(&self) -> u64 {
@@ -325,6 +390,8 @@ fn pump(shared: &Shared) {
     let mut scratch = Vec::with_capacity(4096);
     let mut generation = u64::MAX;
     let mut lines: Vec<Line> = Vec::new();
+    // Whether a message of a lower class was sent since the last wait.
+    let mut lingers = false;
     loop {
         let stopping = shared.stopping.load(Ordering::Acquire);
         let now = shared.generation.load(Ordering::Acquire);
@@ -340,6 +407,7 @@ fn pump(shared: &Shared) {
                 }
                 worked = true;
                 if lines[at].outlet.delivery() != Delivery::RealTime {
+                    lingers = true;
                     drain_real_time(&mut lines, &mut scratch);
                 }
             }
@@ -367,7 +435,7 @@ fn pump(shared: &Shared) {
             lock(&shared.outlets).clear();
             return;
         }
-        std::thread::park_timeout(Duration::from_secs(1));
+        shared.wait(std::mem::take(&mut lingers));
     }
 }
 
@@ -377,5 +445,117 @@ fn drain_real_time(lines: &mut [Line], scratch: &mut Vec<u8>) {
             return;
         }
         while line.send_one(scratch) {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicUsize;
+    use std::time::Instant;
+
+    /// Messages without contents; counts how often the publishing thread found some.
+    struct Counted {
+        delivery: Delivery,
+        waiting: AtomicUsize,
+        sent: AtomicUsize,
+        rounds: AtomicUsize,
+    }
+
+    impl Counted {
+        fn on(lane: &Lane, delivery: Delivery) -> (Arc<Self>, Waker) {
+            let outlet = Arc::new(Self {
+                delivery,
+                waiting: AtomicUsize::new(0),
+                sent: AtomicUsize::new(0),
+                rounds: AtomicUsize::new(0),
+            });
+            lock(&lane.shared.outlets).push(Arc::clone(&outlet) as _);
+            lane.shared.generation.fetch_add(1, Ordering::Release);
+            let waker = Waker {
+                shared: Arc::clone(&lane.shared),
+                thread: lane.thread.clone(),
+                delivery,
+            };
+            (outlet, waker)
+        }
+
+        fn sent_within(&self, count: usize, patience: Duration) -> bool {
+            let until = Instant::now() + patience;
+            while self.sent.load(Ordering::SeqCst) < count {
+                if Instant::now() > until {
+                    return false;
+                }
+                std::thread::yield_now();
+            }
+            true
+        }
+    }
+
+    impl AnyOutlet for Counted {
+        fn delivery(&self) -> Delivery {
+            self.delivery
+        }
+
+        fn publisher(&self) -> [u8; 16] {
+            [0; 16]
+        }
+
+        fn send_one(&self, _: &mut Vec<u8>, _: &mut History) -> bool {
+            let waiting = self.waiting.load(Ordering::SeqCst);
+            if waiting == 0 {
+                return false;
+            }
+            self.waiting.fetch_sub(1, Ordering::SeqCst);
+            self.sent.fetch_add(1, Ordering::SeqCst);
+            self.rounds
+                .fetch_add(usize::from(waiting == 1), Ordering::SeqCst);
+            true
+        }
+
+        fn is_done(&self) -> bool {
+            false
+        }
+    }
+
+    /// 700 messages within 100 ms, or longer on a slow machine: one round per millisecond, and a
+    /// few more at the ends of bursts.
+    #[test]
+    fn many_messages_are_sent_together_and_none_is_left_behind() {
+        let lane = Lane::start("test-publish", "test", None, None);
+        let (outlet, waker) = Counted::on(&lane, Delivery::Stream);
+        let began = Instant::now();
+        for k in 0..700_u32 {
+            while began.elapsed() < k * Duration::from_millis(1) / 7 {
+                std::hint::spin_loop();
+            }
+            outlet.waiting.fetch_add(1, Ordering::SeqCst);
+            waker.queued();
+        }
+        let took_ms = began.elapsed().as_millis() as usize;
+        // Far less than the second after which the thread looks by itself.
+        assert!(outlet.sent_within(700, Duration::from_millis(500)));
+        let rounds = outlet.rounds.load(Ordering::SeqCst);
+        assert!(rounds < 100 + 2 * took_ms, "{rounds} in {took_ms} ms");
+        lane.stop();
+    }
+
+    #[test]
+    fn a_message_in_real_time_wakes_the_thread_and_a_single_one_too() {
+        let lane = Lane::start("test-publish", "test", None, None);
+        let (stream, streams) = Counted::on(&lane, Delivery::Stream);
+        let (urgent, urgents) = Counted::on(&lane, Delivery::RealTime);
+        for k in 1..=200 {
+            stream.waiting.fetch_add(1, Ordering::SeqCst);
+            streams.queued();
+            urgent.waiting.fetch_add(1, Ordering::SeqCst);
+            assert!(lane.shared.must_wake(Delivery::RealTime));
+            urgents.queued();
+            for outlet in [&stream, &urgent] {
+                assert!(outlet.sent_within(k, Duration::from_millis(500)), "{k}");
+            }
+            std::thread::sleep(Duration::from_micros(1500) * (k as u32 % 3));
+        }
+        lane.stop();
     }
 }

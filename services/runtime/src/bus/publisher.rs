@@ -2,7 +2,6 @@
 
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
-use std::thread::Thread;
 use std::time::Instant;
 
 use tangent_actuation::lease;
@@ -13,7 +12,7 @@ use zenoh::key_expr::OwnedKeyExpr;
 use super::Inner;
 use super::attachment::Attachment;
 use super::error::BusError;
-use super::outlet::Outlet;
+use super::outlet::{Outlet, Waker};
 use super::raw::{self, RawMessage};
 use super::reader::{Arrival, Received};
 use super::registry::{Channel, Readers, parse_concrete_key};
@@ -32,7 +31,7 @@ pub struct Publisher<M: Message> {
     id: [u8; 16],
     mark: [u8; 16],
     outlet: Arc<Outlet<M>>,
-    pump: Option<Thread>,
+    pump: Waker,
     // Keeps the bus alive as long as its publishers.
     _bus: Arc<Inner>,
 }
@@ -42,13 +41,13 @@ impl<M: Message> Publisher<M> {
         let key = parse_concrete_key(topic.key())?;
         let channel = bus.registry.channel::<M>(&key)?;
         let id = bus.ids.next();
-        let pump = bus.pump.thread(topic.delivery());
+        let pump = bus.pump.waker(topic.delivery());
         let remote = match &bus.session {
             Some(session) => {
                 // Images are too large to be kept.
                 let kept = topic.delivery() != Delivery::Bulk;
                 let questions = kept
-                    .then(|| bus.questions(key.as_str(), M::NAME, id, pump.clone()))
+                    .then(|| bus.questions(key.as_str(), M::NAME, id, pump.thread()))
                     .flatten();
                 Some(session.publisher(&key, topic.delivery(), M::NAME, questions)?)
             }
@@ -98,9 +97,7 @@ impl<M: Message> Publisher<M> {
         }
         if wanted {
             self.outlet.push(received);
-            if let Some(pump) = &self.pump {
-                pump.unpark();
-            }
+            self.pump.queued();
         }
         sequence
     }
@@ -144,9 +141,7 @@ impl<M: Message> Publisher<M> {
 impl<M: Message> Drop for Publisher<M> {
     fn drop(&mut self) {
         self.outlet.close();
-        if let Some(pump) = &self.pump {
-            pump.unpark();
-        }
+        self.pump.wake();
     }
 }
 
