@@ -47,6 +47,9 @@ const DELAY_20_MS: Wire = Wire {
     ..NO_DELAY
 };
 
+/// The sensor's rate in the shipped cell. A slower sensor leaves a small machine to the estimators.
+const SENSOR_RATE: &str = "rate_hz = 0.0                       # records";
+
 /// A circle on the pipe, faster than usual, so that age has more effect.
 const TASK: &str = r#"
     name = "circle"
@@ -235,7 +238,9 @@ fn wipe(host: &mut Host, case: &Case) -> (Value, f64) {
     };
     let text = std::fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
     let most = if case.predicts { 0.1 } else { 0.0 };
+    assert!(text.contains(SENSOR_RATE));
     let text = text
+        .replace(SENSOR_RATE, "rate_hz = 1000.0 # records")
         .replace("port_offset = 0", &format!("port_offset = {offset}"))
         .replace(
             "# [controller.settings]",

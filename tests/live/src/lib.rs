@@ -84,9 +84,9 @@ pub fn live_beside_others(test: impl Fn()) {
     verdict(test, runs_max, place, Watch::start, Watch::end, say);
 }
 
-/// Runs the test beside other tests, in half of this machine's places. For a cell that needs up to a
-/// core: one with a camera, or with a loop at 1 kHz. A repeated run is alone on the machine, as in
-/// [`live`].
+/// Runs the test beside other tests, in half of this machine's places. For a cell that needs up to
+/// a core: one with a camera, or with a loop at 1 kHz. A repeated run is alone on the machine, as
+/// in [`live`].
 pub fn live_in_half(test: impl Fn()) {
     let place = |run| match run {
         1 => Place::shared(Some(half())),
