@@ -19,7 +19,7 @@ use serde_json::Value;
 
 use common::{number, wait_for};
 use engine::{Project, Said, engine};
-use tangent_live::{alone, live_in_half};
+use tangent_live::{alone, live};
 
 /// Longest wait for a step that takes seconds on an idle machine.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -112,7 +112,7 @@ fn use_estimator(project: &Project, name: &str) -> bool {
 
 #[test]
 fn the_compose_file_runs_a_cell() {
-    live_in_half(|| {
+    live(|| {
         let Some(engine) = engine() else { return };
         let project = Project::new(engine, false);
         project.up();
@@ -150,7 +150,7 @@ fn the_shipped_dockerfile_builds_and_its_image_runs_a_cell() {
 /// gets no answer.
 #[test]
 fn the_compose_files_run_a_secured_cell() {
-    live_in_half(|| {
+    live(|| {
         let Some(engine) = engine() else { return };
         let project = Project::new(engine, true);
         project.up();

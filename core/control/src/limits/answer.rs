@@ -36,6 +36,8 @@ const FOLLOWED: f64 = 0.2;
 const SOFTEST_N_PER_M: f64 = 500.0;
 const SOFTEST_AT_FIRST_N_PER_M: f64 = 200.0;
 const FIRST_N: f64 = 0.6;
+/// Share of these stiffnesses that a soft tip has: one that lands tilted touches with its rim.
+const SOFT_TIP_SHARE: f64 = 0.5;
 const MOVED_TIMES: f64 = 2.0;
 /// Depth that is not known when a stiffness is measured, m: delay, and a pad that settles.
 const SHOWN_M: f64 = 3e-5;
@@ -54,6 +56,8 @@ pub(crate) struct DepthRule {
     pub edge_speed_m_per_s: f64,
     /// Depth without a change of the force that the cell allows, m.
     pub blind_max_m: f64,
+    /// Whether the tip is stated as soft.
+    pub soft_tip: bool,
 }
 
 /// Measurements of one cycle in which the tool presses.
@@ -158,7 +162,12 @@ impl Answer {
         } else {
             SOFTEST_N_PER_M
         };
-        let telling_m = RISE_M + MOVED_TIMES * moved_n / softest_n_per_m;
+        let tip_share = if pressed.rule.soft_tip {
+            SOFT_TIP_SHARE
+        } else {
+            1.0
+        };
+        let telling_m = RISE_M + MOVED_TIMES * moved_n / (tip_share * softest_n_per_m);
         if depth_m > telling_m.max(BEYOND_M).min(pressed.rule.blind_max_m) {
             return true;
         }
@@ -215,6 +224,16 @@ mod tests {
         speed: f64,
         read: impl Fn(f64, usize) -> f64,
     ) -> Option<f64> {
+        missed_with_n(false, stiffness, known, speed, read)
+    }
+
+    fn missed_with_n(
+        soft_tip: bool,
+        stiffness: f64,
+        known: bool,
+        speed: f64,
+        read: impl Fn(f64, usize) -> f64,
+    ) -> Option<f64> {
         let mut pressed = Pressed {
             deeper_m: 0.0,
             across_m: 0.0,
@@ -226,6 +245,7 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                soft_tip,
             },
             dt_s: 1e-3,
         };
@@ -265,6 +285,23 @@ mod tests {
         }
     }
 
+    /// A swab that lands tilted touches with its rim: 200 N/m, where a hard tip has at least 500.
+    #[test]
+    fn the_rim_of_a_soft_tip_answers_little_and_a_dead_sensor_is_still_found() {
+        let missed_m = |soft_tip, read: &dyn Fn(f64, usize) -> f64| {
+            // On 1 N/m, newtons are metres.
+            missed_with_n(soft_tip, 1.0, false, 0.003, read)
+        };
+        let rim = |depth: f64, k| 1.0 + 200.0 * depth + 0.3 * noise_n(k);
+        let dead = |_, k| 1.0 + 0.3 * noise_n(k);
+        assert_eq!(missed_m(true, &rim), None);
+        assert!(missed_m(false, &rim).is_some());
+        for soft_tip in [false, true] {
+            let found_m = missed_m(soft_tip, &dead).unwrap();
+            assert!(found_m < 3.2e-3, "{soft_tip}: {found_m}");
+        }
+    }
+
     #[test]
     fn a_slope_at_constant_force_is_no_missing_answer() {
         let mut pressed = Pressed {
@@ -278,6 +315,7 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                soft_tip: false,
             },
             dt_s: 1e-3,
         };
@@ -301,6 +339,7 @@ mod tests {
                 slope: 0.1,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                soft_tip: false,
             },
             dt_s: 1e-3,
         };

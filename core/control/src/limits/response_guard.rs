@@ -265,6 +265,7 @@ mod tests {
                 slope: 0.36,
                 edge_speed_m_per_s: 0.0,
                 blind_max_m: 0.03,
+                soft_tip: false,
             }),
             probe: None,
             dt_s: 0.008,

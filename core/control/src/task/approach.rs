@@ -18,6 +18,9 @@ pub struct ApproachSpec {
     /// Stiffest contact expected, N/m: bounds the speed so that the first impact stays small.
     /// `None`: the preset's value.
     pub stiffness_expected_n_per_m: Option<f64>,
+    /// Whether the tool's tip is stated as soft: no contact of it is stiff.
+    #[serde(skip)]
+    pub soft_tip: bool,
 }
 
 impl Default for ApproachSpec {
@@ -27,6 +30,7 @@ impl Default for ApproachSpec {
             speed_m_per_s: 0.005,
             distance_max_m: 0.08,
             stiffness_expected_n_per_m: None,
+            soft_tip: false,
         }
     }
 }

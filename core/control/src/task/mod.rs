@@ -148,8 +148,10 @@ impl Task {
     }
 
     /// Fills in what the tool says: `coverage.radius_m`, if it is not given, is the radius of a
-    /// flat, ring or soft tip. The patch of a round tip is not known.
+    /// flat, ring or soft tip. The patch of a round tip is not known. A contact through a soft tip
+    /// is soft.
     pub fn complete(&mut self, tip: &Tip) {
+        self.approach.soft_tip = matches!(tip, Tip::Soft { .. });
         if let (
             Some(coverage),
             Tip::Flat { radius_m } | Tip::Ring { radius_m } | Tip::Soft { radius_m },

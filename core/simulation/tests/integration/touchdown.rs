@@ -107,3 +107,41 @@ fn a_touchdown_that_never_settles_is_not_called_gentle() {
     );
     assert_eq!(figures.force.settling_s, None);
 }
+
+/// A swab that lands 16 degrees off, touches with its rim and gives: time from the touch until the
+/// force has built up to 1.5 N, from which the tool explores, s.
+fn soft_touch_s(stated: &str, seed: u32) -> f64 {
+    let text = include_str!("../../../../scenarios/touchdown_10kN_per_m.toml");
+    let set = [
+        "plant.tool.tip={ shape = \"soft\", radius_m = 0.012 }".to_owned(),
+        "plant.tool.soft_stiffness_n_per_m=1000.0".to_owned(),
+        format!("estimation.contact.tip={stated}"),
+        "plant.start.tilt_rad=0.28".to_owned(),
+        "plant.sensor.noise_n_per_sqrt_hz=0.002".to_owned(),
+        "plant.sensor.noise_nm_per_sqrt_hz=6e-5".to_owned(),
+        format!("seed={seed}"),
+    ];
+    let scenario = AdmittanceScenario::parse("soft", text, &set, &no_files).unwrap();
+    let (mut touched_s, mut pressed_s) = (None, None);
+    evaluate_admittance_with(&scenario, |cycle| {
+        let time_s = cycle.arm.time_s;
+        if cycle.truth.in_contact {
+            touched_s.get_or_insert(time_s);
+        }
+        if cycle.output.force_n.is_some_and(|force_n| force_n > 1.5) {
+            pressed_s.get_or_insert(time_s);
+        }
+    })
+    .unwrap();
+    pressed_s.unwrap() - touched_s.unwrap()
+}
+
+/// Before, the law took every contact for one of 50 kN/m at first, and a swab was pressed as slowly.
+#[test]
+fn a_tip_stated_as_soft_is_pressed_sooner() {
+    for seed in 1..=3 {
+        let soft = soft_touch_s("{ shape = \"soft\", radius_m = 0.012 }", seed);
+        let unknown = soft_touch_s("{ shape = \"unknown\" }", seed);
+        assert!(soft < 0.6 * unknown, "{soft} s and {unknown} s");
+    }
+}

@@ -19,7 +19,7 @@ use super::percept::Percept;
 use super::route::Lifting;
 use super::side_load::SideLoad;
 use super::surface::Surface;
-use super::touchdown::{seek_speed, stiffness_expected};
+use super::touchdown::{seek_speed, stiffness_of_touch};
 use super::tracking::Tracking;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::Clearance;
@@ -228,7 +228,7 @@ impl Run {
         )
         .drawn_over_plane(task.path.expected_surface().is_some());
         self.surface = Surface::new(-pose.z_axis());
-        self.force = ForceLaw::new(stiffness_expected(program, config));
+        self.force = ForceLaw::new(stiffness_of_touch(program, config));
         self.phase_start = pose.translation();
     }
 

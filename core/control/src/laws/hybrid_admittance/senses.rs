@@ -57,7 +57,7 @@ impl Run {
         if std::mem::take(&mut self.starts_here) {
             self.phase_start = position;
         }
-        let validity = self.answering(config, limits, input, reference_n);
+        let validity = self.answering(program, config, limits, input, reference_n);
         let verdict = if self.phase == Phase::Tare {
             WrenchVerdict::Good
         } else {
@@ -170,6 +170,7 @@ impl Run {
     /// motion.
     fn answering<const N: usize>(
         &mut self,
+        program: &Program,
         config: &ControllerConfig,
         limits: &Limits,
         input: &ControlInput<N>,
@@ -200,6 +201,7 @@ impl Run {
                 slope: SLOPE,
                 edge_speed_m_per_s: TIP_RADIUS_M * input.twist.angular.norm(),
                 blind_max_m: limits.blind_distance_max_m,
+                soft_tip: program.task.approach.soft_tip,
             }),
             probe: (config.force.probe_share > 0.0).then_some(ProbeRule {
                 down_share: config.force.probe_share,

@@ -20,6 +20,9 @@ const PEAK_SHARE: f64 = 2.0;
 /// reference if that is less.
 const REAL_FACTOR: f64 = 2.0;
 const REAL_SHARE: f64 = 0.8;
+/// Stiffest contact through a soft tip, N/m: a foam or a swab has a tenth to a third of it, and the
+/// loop is stable up to three times as much.
+const SOFT_TIP_N_PER_M: f64 = 10_000.0;
 /// Minimum touchdown speed, and minimum speed of a motion that should touch nothing, m/s.
 const SPEED_MIN_M_PER_S: f64 = 0.0005;
 const FREE_SPEED_MIN_M_PER_S: f64 = 0.002;
@@ -44,6 +47,18 @@ pub(crate) fn stiffness_expected(program: &Program, config: &ControllerConfig) -
         .approach
         .stiffness_expected_n_per_m
         .unwrap_or(config.force.stiffness_expected_n_per_m)
+}
+
+/// Stiffest contact of the tool's tip that is expected before one was measured, N/m: through a soft
+/// tip, no contact is stiff. Only touchdowns follow from it: what the rest of the tool meets on its
+/// way elsewhere need not be soft.
+pub(crate) fn stiffness_of_touch(program: &Program, config: &ControllerConfig) -> f64 {
+    let expected = stiffness_expected(program, config);
+    if program.task.approach.soft_tip {
+        expected.min(SOFT_TIP_N_PER_M)
+    } else {
+        expected
+    }
 }
 
 /// Maximum speed towards a contact of `stiffness_n_per_m`, m/s, at which the first force stays
@@ -84,7 +99,7 @@ pub(crate) fn approach_speed(program: &Program, config: &ControllerConfig) -> f6
         config,
         task.approach.speed_m_per_s,
         task.force.reference_n,
-        stiffness_expected(program, config),
+        stiffness_of_touch(program, config),
     )
 }
 
