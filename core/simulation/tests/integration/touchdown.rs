@@ -136,7 +136,8 @@ fn soft_touch_s(stated: &str, seed: u32) -> f64 {
     pressed_s.unwrap() - touched_s.unwrap()
 }
 
-/// Before, the law took every contact for one of 50 kN/m at first, and a swab was pressed as slowly.
+/// Before, the law took every contact for one of 50 kN/m at first, and a swab was pressed as
+/// slowly.
 #[test]
 fn a_tip_stated_as_soft_is_pressed_sooner() {
     for seed in 1..=3 {
