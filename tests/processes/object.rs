@@ -5,7 +5,7 @@ use tangent_runtime::clock::now_ns;
 
 use crate::cell::{Cell, Observer, PATIENCE, seconds};
 use crate::common::wait_for;
-use tangent_live::live_in_half;
+use tangent_live::live;
 
 /// Time that a loaded machine may add to any time measured here, s.
 const SLACK_S: f64 = 1.5;
@@ -32,7 +32,7 @@ fn safe(observer: &Observer, since_ns: i64) {
 /// the tool leaves.
 #[test]
 fn the_objects_estimator_dies() {
-    live_in_half(|| {
+    live(|| {
         let (mut cell, observer) =
             sliding(&["router simulator controller netft camera", "estimator"]);
         let killed = now_ns();
@@ -58,7 +58,7 @@ fn the_objects_estimator_dies() {
 /// the task ends.
 #[test]
 fn the_camera_stops() {
-    live_in_half(|| {
+    live(|| {
         let (mut cell, observer) =
             sliding(&["router simulator controller netft estimator", "camera"]);
         let off = now_ns();
@@ -88,7 +88,7 @@ fn the_camera_stops() {
 /// Without a wrench the arm stops within cycles, and leaves the surface if the wrench stays silent.
 #[test]
 fn the_force_sensor_falls_silent() {
-    live_in_half(|| {
+    live(|| {
         let (mut cell, observer) =
             sliding(&["router simulator controller camera estimator", "netft"]);
         let killed = now_ns();
@@ -107,7 +107,7 @@ fn the_force_sensor_falls_silent() {
 /// The emergency stop ends the task at once; nothing moves by itself when it is released.
 #[test]
 fn the_emergency_stop_is_pressed() {
-    live_in_half(|| {
+    live(|| {
         let (cell, observer) = sliding(&TOGETHER);
         let pressed = now_ns();
         cell.provoke("emergency_stop", "on");
@@ -124,7 +124,7 @@ fn the_emergency_stop_is_pressed() {
 /// another estimator of its list.
 #[test]
 fn a_person_pauses_resumes_and_stops() {
-    live_in_half(|| {
+    live(|| {
         let (cell, observer) = sliding(&TOGETHER);
         let from = now_ns();
         cell.cli_json(&["task", "pause"], 0);
