@@ -15,7 +15,7 @@ mod remote;
 use std::cell::RefCell;
 use std::time::Duration;
 
-use common::{Process, json, number, port_offset, root, run, wait_for};
+use common::{Process, json, number, port_offset, root, run, wait_for, with_slower_sensor};
 use remote::{Host, Wire};
 use serde_json::Value;
 use tangent_live::live_beside_others;
@@ -46,9 +46,6 @@ const DELAY_20_MS: Wire = Wire {
     delay_ms: 20.0,
     ..NO_DELAY
 };
-
-/// The sensor's rate in the shipped cell. A slower sensor leaves a small machine to the estimators.
-const SENSOR_RATE: &str = "rate_hz = 0.0                       # records";
 
 /// A circle on the pipe, faster than usual, so that age has more effect.
 const TASK: &str = r#"
@@ -238,9 +235,7 @@ fn wipe(host: &mut Host, case: &Case) -> (Value, f64) {
     };
     let text = std::fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
     let most = if case.predicts { 0.1 } else { 0.0 };
-    assert!(text.contains(SENSOR_RATE));
-    let text = text
-        .replace(SENSOR_RATE, "rate_hz = 1000.0 # records")
+    let text = with_slower_sensor(&text)
         .replace("port_offset = 0", &format!("port_offset = {offset}"))
         .replace(
             "# [controller.settings]",

@@ -12,13 +12,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use common::{json, number, port_offset, root, run, tangent, wait_for};
+use common::{json, number, port_offset, root, run, tangent, wait_for, with_slower_sensor};
 use serde_json::Value;
 use tangent_live::live_beside_others;
 
 const PATIENCE: Duration = Duration::from_secs(60);
-/// The sensor's rate in the shipped cell.
-const SENSOR_RATE: &str = "rate_hz = 0.0                       # records";
 
 /// `tangent up` with a line that is long enough, and the cell file for clients of its router.
 struct Up {
@@ -36,14 +34,8 @@ impl Up {
         let text = std::fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
         let cell = folder.path().join("cell.toml");
         std::fs::write(&cell, text.replace("tcp/127.0.0.1:7447", &router)).unwrap();
-        // A slower sensor leaves a small machine to the estimators.
         let simulated = folder.path().join("up.toml");
-        assert!(text.contains(SENSOR_RATE));
-        std::fs::write(
-            &simulated,
-            text.replace(SENSOR_RATE, "rate_hz = 1000.0 # records"),
-        )
-        .unwrap();
+        std::fs::write(&simulated, with_slower_sensor(&text)).unwrap();
         let text = std::fs::read_to_string(root().join("deploy/tasks/line.toml")).unwrap();
         let task = folder.path().join("task.toml");
         let text = text.replace("strokes = 6", "strokes = 8");

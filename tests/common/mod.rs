@@ -23,6 +23,13 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).to_owned()
 }
 
+/// The shipped cell file with a sensor at 1 kHz, which leaves a small machine to the estimators.
+pub fn with_slower_sensor(cell: &str) -> String {
+    let rate = "rate_hz = 0.0                       # records";
+    assert!(cell.contains(rate));
+    cell.replace(rate, "rate_hz = 1000.0 # records")
+}
+
 /// Runs the program to its end and returns its output.
 pub fn run(args: &[&str]) -> Output {
     tangent().args(args).output().unwrap()

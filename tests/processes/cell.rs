@@ -14,7 +14,7 @@ use tangent_schemas::topics;
 use tempfile::TempDir;
 
 use crate::common::{Process, json, port_offset, root, run, stderr, wait_for};
-use tangent_live::{Places, beside_others, half};
+use tangent_live::{Places, alone, beside_others, half};
 
 /// Longest wait for any step that takes seconds at most on an idle machine; a machine that also
 /// builds is slow.
@@ -67,7 +67,7 @@ impl Cell {
     pub fn with_object() -> Self {
         let nearer = ("clearance_m = 0.15", "clearance_m = 0.08");
         let scenario = "scenarios/lippiello/lippiello_realistic.toml";
-        Self::shipped("cell.lippiello.toml", scenario, &[nearer], half(), |_| {})
+        Self::shipped("cell.lippiello.toml", scenario, &[nearer], alone(), |_| {})
     }
 
     /// A cell with a UR and a depth camera, which looks at a pipe.

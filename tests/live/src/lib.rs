@@ -64,44 +64,37 @@ const SKIPPED: &str = "skipped, because in the last of its runs,";
 /// after the last run it prints that it is skipped. Any other failure counts.
 pub fn live(test: impl Fn()) {
     let _machine = alone();
-    verdict(
-        test,
-        runs_max,
-        |_| Place::alone(),
-        Watch::start,
-        Watch::end,
-        say,
-    );
+    measured(test, |_| Place::alone());
 }
 
 /// Runs the test beside other tests of this kind, at most two per core of this machine. For a cell
-/// that needs less than a third of a core. A repeated run is alone on the machine, as in [`live`].
+/// that needs less than half of a core. A repeated run is alone on the machine, as in [`live`].
 pub fn live_beside_others(test: impl Fn()) {
-    let place = |run| match run {
-        1 => Place::shared(Some(beside_others())),
-        _ => Place::alone(),
-    };
-    verdict(test, runs_max, place, Watch::start, Watch::end, say);
+    shared_at_first(test, || Some(beside_others()));
 }
 
 /// Runs the test beside other tests, in half of this machine's places. For a cell that needs up to
 /// a core: one with a camera, or with a loop at 1 kHz. A repeated run is alone on the machine, as
 /// in [`live`].
 pub fn live_in_half(test: impl Fn()) {
-    let place = |run| match run {
-        1 => Place::shared(Some(half())),
-        _ => Place::alone(),
-    };
-    verdict(test, runs_max, place, Watch::start, Watch::end, say);
+    shared_at_first(test, || Some(half()));
 }
 
 /// Runs the test without a place on this machine. For one service, which leaves the machine to
 /// others most of the time. A repeated run is alone on the machine, as in [`live`].
 pub fn timed(test: impl Fn()) {
-    let place = |run| match run {
-        1 => Place::shared(None),
+    shared_at_first(test, || None);
+}
+
+/// Runs the test with these places first, and alone if it is repeated.
+fn shared_at_first(test: impl Fn(), places: impl Fn() -> Option<Places>) {
+    measured(test, |run| match run {
+        1 => Place::shared(places()),
         _ => Place::alone(),
-    };
+    });
+}
+
+fn measured(test: impl Fn(), place: impl Fn(usize) -> Place) {
     verdict(test, runs_max, place, Watch::start, Watch::end, say);
 }
 
@@ -216,21 +209,27 @@ fn several(count: usize) -> (Vec<File>, File) {
     let turn = lock_file("queue");
     turn.lock().expect("the queue");
     let mut taken = vec![];
-    let mut free: Vec<usize> = (0..places_count()).collect();
-    while taken.len() < count {
-        free.retain(|place| {
-            let lock = lock_file(&place.to_string());
-            let is_taken = taken.len() < count && lock.try_lock().is_ok();
-            if is_taken {
-                taken.push(lock);
-            }
-            !is_taken
-        });
-        if taken.len() < count {
-            std::thread::park_timeout(LOOK);
+    loop {
+        take_free(&mut taken, count);
+        if taken.len() == count {
+            break;
         }
+        std::thread::park_timeout(LOOK);
     }
     (taken, wanted)
+}
+
+/// Takes places that are free now, until `taken` are so many.
+fn take_free(taken: &mut Vec<File>, count: usize) {
+    for place in 0..places_count() {
+        if taken.len() == count {
+            return;
+        }
+        let lock = lock_file(&place.to_string());
+        if lock.try_lock().is_ok() {
+            taken.push(lock);
+        }
+    }
 }
 
 /// Waits until one place of this machine is free, and takes it. A thread that has a place keeps
@@ -240,11 +239,12 @@ pub fn beside_others() -> Places {
         loop {
             // Not while a test waits for several places, or has all of them.
             let nobody_waits = lock_file(ALONE).try_lock().is_ok();
-            for place in (0..places_count()).filter(|_| nobody_waits) {
-                let lock = lock_file(&place.to_string());
-                if lock.try_lock().is_ok() {
-                    return vec![lock];
-                }
+            let mut taken = vec![];
+            if nobody_waits {
+                take_free(&mut taken, 1);
+            }
+            if !taken.is_empty() {
+                return taken;
             }
             std::thread::park_timeout(LOOK);
         }
@@ -570,9 +570,9 @@ mod tests {
         assert!((0.0..=1.0).contains(&machine.stolen), "{machine}");
     }
 
-    /// One of so many tests may end without a result. With more, the machine counts as unsuitable
-    /// for tests.
-    const SKIPPED_ONE_IN: usize = 20;
+    /// Number of tests that may end without a result before the machine counts as unsuitable for
+    /// tests.
+    const SKIPPED_MAX: usize = 3;
 
     #[test]
     #[ignore = "after all other tests: .ci/run"]
@@ -585,12 +585,8 @@ mod tests {
                 println!("{line}");
             }
         }
-        let count = |what| text.lines().filter(|line| line.contains(what)).count();
-        let (skipped, passed) = (count(SKIPPED), count(PASSED));
-        assert!(passed > 0);
-        assert!(
-            SKIPPED_ONE_IN * skipped <= skipped + passed,
-            "{skipped} tests have no verdict, and {passed} passed"
-        );
+        let skipped = text.lines().filter(|line| line.contains(SKIPPED)).count();
+        assert!(skipped <= SKIPPED_MAX, "{skipped} tests have no verdict");
+        assert!(text.lines().any(|line| line.contains(PASSED)));
     }
 }

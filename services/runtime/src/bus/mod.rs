@@ -18,6 +18,7 @@ mod latest;
 mod outlet;
 mod plain;
 mod publisher;
+mod pump;
 mod question;
 mod raw;
 mod raw_reader;
@@ -76,7 +77,7 @@ pub(crate) struct Inner {
     registry: Arc<Registry>,
     ids: BusId,
     names: refused::Names,
-    pump: outlet::Pump,
+    pump: pump::Pump,
     recall: Option<Arc<recall::Recall>>,
     answerers: requests::Answerers,
     tokens: Mutex<Vec<Alive>>,
@@ -182,7 +183,7 @@ impl Bus {
         Self {
             inner: Arc::new(Inner {
                 name: name.to_owned(),
-                pump: outlet::Pump::start(priority, recall.clone()),
+                pump: pump::Pump::start(priority, recall.clone()),
                 recall,
                 registry,
                 ids: BusId::new(),
