@@ -240,6 +240,30 @@ fn check_refuses_what_is_wrong() {
             "radius_m = 15.0",
             &["tool.tip.radius_m", "15", "0.5 m"],
         ),
+        (
+            "deploy/cell.toml",
+            "kind = \"unknown\"",
+            "kind = \"round\"",
+            &["line", "tool.tip.radius_m", "nothing", "metres"],
+        ),
+        (
+            "deploy/cell.real.toml",
+            "address = \"192.168.1.10\"",
+            "address = \"192.168.1.10:30004\"",
+            &["robot.address", "192.168.1.10:30004", "robot.port_offset"],
+        ),
+        (
+            "deploy/cell.real.toml",
+            "address = \"192.168.1.1\"",
+            "address = \"http://192.168.1.1\"",
+            &["sensor.address", "http://192.168.1.1", "a scheme"],
+        ),
+        (
+            "deploy/cell.toml",
+            "listen = [\"tcp/127.0.0.1:7447\"]",
+            "listen = [\"tcp/0.0.0.0:7447\"]",
+            &["zenoh.listen", "tcp/0.0.0.0:7447", "insecure = true"],
+        ),
         ("deploy/cell.toml", "[robot]", "[robot", &["line"]),
         (
             "deploy/cell.franka.toml",
@@ -400,6 +424,41 @@ fn check_shows_what_the_estimators_are_told_of_the_tip() {
         flat.contains("flat, radius 8 mm, for reactive, quadratic"),
         "{flat}"
     );
+}
+
+/// What may be meant but is seldom right is no refusal; `check` says what it means.
+#[test]
+fn check_notes_what_is_seldom_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cell.toml");
+    let cell = fs::read_to_string(root().join("deploy/cell.toml")).unwrap();
+    let noted = |from: &str, to: &str| {
+        let text = cell.replace(from, to);
+        assert!(
+            from.is_empty() || text != cell,
+            "{from} is not in deploy/cell.toml"
+        );
+        fs::write(&path, text).unwrap();
+        let output = run(&["check", path.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    };
+    let (elsewhere, backwards) = (
+        "another process must publish it",
+        "points back to the flange",
+    );
+    let as_shipped = noted("", "");
+    assert!(!as_shipped.contains(elsewhere) && !as_shipped.contains(backwards));
+    let only_reactive = noted(
+        "run = [\"reactive\", \"quadratic\", \"gaussian_process\", \"blend\"]",
+        "run = [\"reactive\"]",
+    );
+    assert!(only_reactive.contains(elsewhere), "{only_reactive}");
+    let turned = noted(
+        "rotation_vector_rad = [0.0, 0.0, 0.0]\n",
+        "rotation_vector_rad = [3.14159, 0.0, 0.0]\n",
+    );
+    assert!(turned.contains(backwards), "{turned}");
 }
 
 /// A task that its cell would refuse is refused offline, with the number, the limit and the place.

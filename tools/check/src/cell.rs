@@ -2,14 +2,20 @@
 
 use std::path::Path;
 
+use nalgebra::Vector3;
 use tangent_compose::with_causes;
 use tangent_estimation::{build, build_object_estimator};
 use tangent_mechanics::Tip;
-use tangent_runtime::CellConfig;
 use tangent_runtime::config::{Law, RobotDriver};
+use tangent_runtime::{BusError, CellConfig};
 use tangent_simulated_cell::scenarios;
 
 use crate::findings::Findings;
+
+/// Shortest tool, m, whose direction is judged, and the cosine of its angle to the frame's z axis
+/// below which that axis leads back.
+const OFFSET_LEAST_M: f64 = 0.01;
+const BACKWARDS_COS: f64 = -0.5;
 
 pub fn check(path: &Path, findings: &mut Findings) {
     let config = match CellConfig::load(path) {
@@ -17,6 +23,10 @@ pub fn check(path: &Path, findings: &mut Findings) {
         Err(error) => return findings.error(error),
     };
     services(&config, findings);
+    if let (Some(endpoint), false) = (config.zenoh.open_to_anybody(), config.zenoh.insecure) {
+        let endpoint = endpoint.to_owned();
+        findings.error(BusError::Open { endpoint });
+    }
     if let Some(scenario) = &config.simulator.scenario
         && let Err(error) = scenarios::load(&scenario.display().to_string(), &[])
     {
@@ -24,6 +34,7 @@ pub fn check(path: &Path, findings: &mut Findings) {
         findings.error(format!("simulator.scenario: {error}"));
     }
     findings.extend_notes(tip(&config));
+    findings.extend_notes(backwards(&config));
     for (key, file) in files(&config) {
         if !file.exists() {
             findings.note(format!("{key}: {} does not exist yet", file.display()));
@@ -36,6 +47,22 @@ pub fn check(path: &Path, findings: &mut Findings) {
              sensor saturates first, which causes a retraction"
         ));
     }
+}
+
+/// A tool frame whose z axis leads back to the flange; `None` for one that leads away from it. On a
+/// hook, both are right.
+fn backwards(config: &CellConfig) -> Option<String> {
+    let flange_from_tool = config.tool.flange_from_tool();
+    let from_flange = flange_from_tool
+        .translation()
+        .try_normalize(OFFSET_LEAST_M)?;
+    let along = flange_from_tool.rotate(&Vector3::z()).dot(&from_flange);
+    (along < BACKWARDS_COS).then(|| {
+        "tool.flange_from_tool: z of the tool points back to the flange, and it must point out of the tool, into the \
+         surface. If the surface is not on the flange's side of the tip, turn the frame: rotation_vector_rad = [0, 0, 0] \
+         where both z axes agree"
+            .to_owned()
+    })
 }
 
 /// What each estimator of normals is told of the tool's tip; `None` without such estimators.
@@ -140,6 +167,11 @@ pub fn services(config: &CellConfig, findings: &mut Findings) {
         && let Some(unknown) = tangent_controller::unknown_estimators(&[active], &known)
     {
         findings.note(format!("estimators.active: {unknown}"));
+    } else if !config.estimators.run.iter().any(|name| name == active) {
+        findings.note(format!(
+            "estimators.active = \"{active}\" is not in estimators.run: another process must publish it when a task is \
+             started"
+        ));
     }
 }
 

@@ -22,6 +22,18 @@ impl<'a> Checker<'a> {
         locate(self.text, key).is_some()
     }
 
+    /// Line of the innermost table of a key that the file does not state; 0 without one.
+    fn line_of_table(&self, key: &str) -> usize {
+        let mut table = key;
+        while let Some((outer, _)) = table.rsplit_once('.') {
+            if let Some((line, _)) = locate(self.text, outer) {
+                return line;
+            }
+            table = outer;
+        }
+        0
+    }
+
     /// The error for one value. `allowed` completes "is not allowed: ".
     pub fn refuse(
         &self,
@@ -29,7 +41,8 @@ impl<'a> Checker<'a> {
         value: impl Display,
         allowed: impl Into<String>,
     ) -> ConfigError {
-        let (line, shown) = locate(self.text, key).unwrap_or((0, value.to_string()));
+        let (line, shown) =
+            locate(self.text, key).unwrap_or_else(|| (self.line_of_table(key), value.to_string()));
         ConfigError::Value {
             file: self.file.to_owned(),
             line,

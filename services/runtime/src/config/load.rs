@@ -65,11 +65,11 @@ pub enum ConfigError {
         reason: String,
     },
     /// A value that is not allowed.
-    #[error("{file}, line {line}: `{key}` = {value} is not allowed: {allowed}")]
+    #[error("{file}{}: `{key}` = {value} is not allowed: {allowed}", at(*.line))]
     Value {
         /// File path as given.
         file: String,
-        /// Line number, from 1; 0 for a default.
+        /// Line number of the key or of its table, from 1; 0 if the file has neither.
         line: usize,
         /// Dotted key.
         key: String,
@@ -78,6 +78,13 @@ pub enum ConfigError {
         /// What is allowed.
         allowed: String,
     },
+}
+
+fn at(line: usize) -> String {
+    if line == 0 {
+        return String::new();
+    }
+    format!(", line {line}")
 }
 
 fn suggest(suggestion: &Option<String>, allowed: &str) -> String {

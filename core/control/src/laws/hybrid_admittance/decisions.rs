@@ -314,8 +314,9 @@ impl Run {
         if self.paused {
             return Way::On;
         }
-        // A tool that explores goes to and fro, and not on.
-        if !self.gives_way && !self.exploration.is_open() {
+        if !self.gives_way && self.exploration.is_open() {
+            self.losses.explores(&self.surface.normal, dt_s);
+        } else if !self.gives_way {
             self.losses.slides_on(dt_s);
         }
         if over_m <= 0.0 {

@@ -32,6 +32,10 @@ const STEEP: f64 = 2.0;
 const UPRIGHT_RAD: f64 = 1.1;
 /// Time for which a tool slides unhindered after a loss where the surface goes on, s.
 const GOES_ON_S: f64 = 0.5;
+/// Share of that time which a tool gains while it explores, because it goes to and fro, and how far
+/// the normal may have turned since the loss, rad: behind a step it has not, at a rim it does.
+const EXPLORES_SHARE: f64 = 0.25;
+const SAME_NORMAL_RAD: f64 = 0.2;
 
 /// What the tool felt from a touch to a loss.
 #[derive(Clone, Copy, Debug, Default)]
@@ -197,6 +201,16 @@ impl Losses {
         }
     }
 
+    /// Records that the tool explores unhindered with this `normal` in use.
+    pub fn explores(&mut self, normal: &Vector3<f64>, dt_s: f64) {
+        if self
+            .last
+            .is_some_and(|(_, first)| angle_between(&first, normal) < SAME_NORMAL_RAD)
+        {
+            self.slides_on(EXPLORES_SHARE * dt_s);
+        }
+    }
+
     /// Whether the tool at `position` (m) is further in than where contact was lost, and has not
     /// slid on since: beside a surface that ends there.
     pub fn is_beside(&self, position: &Vector3<f64>, normal: &Vector3<f64>) -> bool {
@@ -290,6 +304,23 @@ mod tests {
         assert!(losses.turns_away(&below(5e-3, 0.022), &turned(1.2)));
         losses.slides_on(1.0);
         assert!(!losses.turns_away(&below(5e-3, 0.025), &turned(1.2)));
+    }
+
+    #[test]
+    fn a_tool_that_fell_down_a_step_and_explores_there_is_on_the_surface() {
+        let (up, below) = (Vector3::z(), Vector3::z() * -1.4e-3);
+        let turned = |rad: f64| Vector3::new(rad.sin(), 0.0, rad.cos());
+        let explored = |normal: &Vector3<f64>, time_s: f64| {
+            let mut losses = Losses::default();
+            losses.count(&Vector3::zeros(), &up, &Felt::default());
+            losses.explores(normal, time_s);
+            losses
+        };
+        // A first touch there may be that of a rim.
+        assert!(explored(&up, 1.0).is_beside(&below, &up));
+        assert!(!explored(&turned(0.07), 2.1).is_beside(&below, &up));
+        // The normal of a rim is another one.
+        assert!(explored(&turned(0.4), 20.0).is_beside(&below, &up));
     }
 
     #[test]

@@ -37,8 +37,26 @@ pub use tool::ToolConfig;
 pub use ui::{OnLostPage, UiConfig};
 pub use zenoh::{TlsConfig, ZenohConfig, is_endpoint};
 
+use std::net::IpAddr;
+
 use super::check::Checker;
 use super::load::ConfigError;
+
+/// Checks the host of a device. Its ports have keys of their own.
+fn check_host(checker: &Checker<'_>, key: &str, host: &str) -> Result<(), ConfigError> {
+    let is_name =
+        !host.is_empty() && !host.contains([':', '/', '@']) && !host.contains(char::is_whitespace);
+    let section = key.split('.').next().unwrap_or_default();
+    checker.require(
+        is_name || host.parse::<IpAddr>().is_ok(),
+        key,
+        format!("\"{host}\""),
+        &format!(
+            "a host name or an IP address, without a scheme and a port: the ports have keys of their own, and \
+             {section}.port_offset moves them all"
+        ),
+    )
+}
 
 fn check_port(checker: &Checker<'_>, key: &str, port: u16, offset: u16) -> Result<(), ConfigError> {
     checker.require(

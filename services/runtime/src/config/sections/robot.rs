@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 use serde::Deserialize;
 use tangent_mechanics::{CalibrationError, ModelData, ModelError};
 
-use super::check_port;
 use super::franka::FrankaConfig;
+use super::{check_host, check_port};
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
@@ -212,12 +212,7 @@ impl RobotConfig {
             "\"\"",
             "the name of a model, see `tangent model list`",
         )?;
-        checker.require(
-            !self.address.is_empty(),
-            "robot.address",
-            "\"\"",
-            "a host name or an IP address",
-        )?;
+        check_host(checker, "robot.address", &self.address)?;
         checker.require(
             self.franka.is_none() || self.driver == RobotDriver::Franka,
             "robot.driver",

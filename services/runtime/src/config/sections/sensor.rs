@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use tangent_mechanics::{Flange, Pose, Sensor};
 
-use super::{PoseConfig, RobotConfig, RobotDriver, check_port};
+use super::{PoseConfig, RobotConfig, RobotDriver, check_host, check_port};
 use crate::config::check::Checker;
 use crate::config::load::ConfigError;
 
@@ -301,6 +301,9 @@ impl SensorConfig {
             "a host name or an IP address of the Net F/T box; without a box, set sensor.driver to \"ur\" (sensor of an e-Series \
              arm) or \"topic\" (a WrenchStamped on the bus)",
         )?;
+        if self.driver == SensorDriver::Netft {
+            check_host(checker, "sensor.address", &self.address)?;
+        }
         let driver = match self.driver {
             SensorDriver::Netft => "netft",
             SensorDriver::Ur => "ur",
