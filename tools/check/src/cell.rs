@@ -7,7 +7,7 @@ use tangent_compose::with_causes;
 use tangent_estimation::{build, build_object_estimator};
 use tangent_mechanics::Tip;
 use tangent_runtime::config::{Law, RobotDriver};
-use tangent_runtime::{BusError, CellConfig};
+use tangent_runtime::{Bus, CellConfig};
 use tangent_simulated_cell::scenarios;
 
 use crate::findings::Findings;
@@ -23,9 +23,8 @@ pub fn check(path: &Path, findings: &mut Findings) {
         Err(error) => return findings.error(error),
     };
     services(&config, findings);
-    if let (Some(endpoint), false) = (config.zenoh.open_to_anybody(), config.zenoh.insecure) {
-        let endpoint = endpoint.to_owned();
-        findings.error(BusError::Open { endpoint });
+    if let Err(error) = Bus::check_listeners(&config.zenoh) {
+        findings.error(error);
     }
     if let Some(scenario) = &config.simulator.scenario
         && let Err(error) = scenarios::load(&scenario.display().to_string(), &[])

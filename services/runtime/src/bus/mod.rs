@@ -177,6 +177,15 @@ impl Bus {
         }
     }
 
+    /// Checks that a router may listen where the cell says.
+    ///
+    /// # Errors
+    /// [`BusError::Open`]: it would listen beyond this host without certificates, and the file does
+    /// not allow it.
+    pub fn check_listeners(config: &ZenohConfig) -> Result<(), BusError> {
+        remarks::open_listener(config).map(drop)
+    }
+
     fn assemble(name: &str, session: Option<Session>, priority: Option<u8>) -> Self {
         let registry = Arc::new(Registry::default());
         let recall = session.as_ref().map(|_| recall::Recall::start());

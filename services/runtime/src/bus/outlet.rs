@@ -9,7 +9,6 @@ use zenoh::key_expr::OwnedKeyExpr;
 
 use super::attachment::Attachment;
 use super::history::History;
-use super::pump::Pump;
 use super::raw::{self, RawMessage};
 use super::reader::Received;
 use super::registry::Registry;
@@ -43,12 +42,13 @@ pub(crate) struct Outlet<M> {
 }
 
 impl<M: Message> Outlet<M> {
+    /// `dropped` counts the messages that the queue has no room for.
     pub(crate) fn new(
         key: OwnedKeyExpr,
         delivery: Delivery,
         remote: Option<RemotePublisher>,
         registry: Arc<Registry>,
-        pump: &Pump,
+        dropped: Arc<AtomicU64>,
         publisher: [u8; 16],
     ) -> Self {
         Self {
@@ -58,7 +58,7 @@ impl<M: Message> Outlet<M> {
             queue: Ring::new(capacity::<M>(delivery)),
             remote,
             registry,
-            dropped: pump.drops(),
+            dropped,
             closed: AtomicBool::new(false),
         }
     }

@@ -59,7 +59,7 @@ impl<M: Message> Publisher<M> {
             topic.delivery(),
             remote,
             Arc::clone(&bus.registry),
-            &bus.pump,
+            bus.pump.drops(),
             id,
         ));
         bus.pump.add(Arc::clone(&outlet) as _);

@@ -16,6 +16,20 @@ pub(crate) struct Remarks {
     expiry: Option<Expiry>,
 }
 
+/// The first endpoint on which a router would listen beyond this host without certificates, where
+/// the file allows it.
+///
+/// # Errors
+/// [`BusError::Open`]: the file does not allow it.
+pub(super) fn open_listener(config: &ZenohConfig) -> Result<Option<&str>, BusError> {
+    match config.open_to_anybody() {
+        Some(endpoint) if !config.insecure => Err(BusError::Open {
+            endpoint: endpoint.to_owned(),
+        }),
+        open => Ok(open),
+    }
+}
+
 impl Remarks {
     /// Remarks on a session that is about to be opened.
     ///
@@ -24,21 +38,15 @@ impl Remarks {
     /// or a certificate cannot be read.
     pub(crate) fn on(config: &ZenohConfig, role: Role) -> Result<Self, BusError> {
         let endpoint = match role {
-            Role::Router => config.open_to_anybody(),
+            Role::Router => open_listener(config)?,
             Role::Client => None,
         };
-        let open = match endpoint {
-            Some(endpoint) if !config.insecure => {
-                return Err(BusError::Open {
-                    endpoint: endpoint.to_owned(),
-                });
-            }
-            Some(endpoint) => Some(format!(
+        let open = endpoint.map(|endpoint| {
+            format!(
                 "insecure: the router listens on {endpoint} without certificates; any client that reaches it can start \
                  tasks and impersonate the sensor (zenoh.insecure = true)"
-            )),
-            None => None,
-        };
+            )
+        });
         let expiry = match &config.tls {
             Some(tls) => Some(Expiry::of(tls)?),
             None => None,

@@ -314,10 +314,10 @@ impl Run {
         if self.paused {
             return Way::On;
         }
-        if !self.gives_way && self.exploration.is_open() {
-            self.losses.explores(&self.surface.normal, dt_s);
-        } else if !self.gives_way {
-            self.losses.slides_on(dt_s);
+        match (self.gives_way, self.exploration.is_open()) {
+            (true, _) => {}
+            (false, true) => self.losses.explores(&self.surface.normal, dt_s),
+            (false, false) => self.losses.slides_on(dt_s),
         }
         if over_m <= 0.0 {
             return Way::On;
