@@ -149,7 +149,8 @@ impl Recaller {
         messages
     }
 
-    /// Requests all missing messages once more, and waits for at most `patience`.
+    /// Requests all missing messages once more, and those after the last recorded ones, and waits
+    /// for at most `patience`.
     pub(crate) fn finish(&mut self, ledger: &mut Ledger, patience: Duration) -> Vec<RawMessage> {
         let mut messages = Vec::new();
         let until = Instant::now() + patience;
@@ -157,8 +158,7 @@ impl Recaller {
         if self.bus.router().is_some() {
             loop {
                 if !self.under_way {
-                    let later = Instant::now() + Duration::from_secs(60);
-                    match ledger.question(None, later).filter(|_| !last) {
+                    match ledger.last_question(Instant::now()).filter(|_| !last) {
                         Some(question) => self.ask(question),
                         None => break,
                     }

@@ -203,11 +203,31 @@ impl Ledger {
     /// after the recorded ones and those of new publishers since then. Gaps whose requests are used
     /// up are given up.
     pub(crate) fn question(&mut self, since_ns: Option<i64>, now: Instant) -> Option<Question> {
+        let spans = self.spans(since_ns.is_some(), |gap| gap.due <= now, now);
+        let question = Question {
+            others_since_ns: since_ns.unwrap_or(i64::MAX),
+            spans,
+        };
+        (since_ns.is_some() || !question.spans.is_empty()).then_some(question)
+    }
+
+    /// Request at the end of a recording, for all gaps and for what each recorded publisher has
+    /// sent after its last recorded message: no later message shows that those did not arrive.
+    pub(crate) fn last_question(&mut self, now: Instant) -> Option<Question> {
+        let question = Question {
+            others_since_ns: i64::MAX,
+            spans: self.spans(true, |_| true, now),
+        };
+        (!question.spans.is_empty()).then_some(question)
+    }
+
+    /// Spans of the gaps that are due and, with `tails`, of the messages after the recorded ones.
+    fn spans(&mut self, tails: bool, is_due: impl Fn(&Gap) -> bool, now: Instant) -> Vec<Span> {
         let mut spans = Vec::new();
         for ((_, publisher), line) in &mut self.lines {
             let mut kept = Vec::with_capacity(line.gaps.len());
             for mut gap in std::mem::take(&mut line.gaps) {
-                if gap.due > now || spans.len() >= SPANS_MAX {
+                if !is_due(&gap) || spans.len() >= SPANS_MAX {
                     kept.push(gap);
                     continue;
                 }
@@ -227,7 +247,7 @@ impl Ledger {
                 kept.push(gap);
             }
             line.gaps = kept;
-            if since_ns.is_some() && spans.len() < SPANS_MAX {
+            if tails && spans.len() < SPANS_MAX {
                 spans.push(Span {
                     publisher: *publisher,
                     from: line.last + 1,
@@ -236,12 +256,7 @@ impl Ledger {
                 });
             }
         }
-        let others_since_ns = since_ns.unwrap_or(i64::MAX);
-        let question = Question {
-            others_since_ns,
-            spans,
-        };
-        (since_ns.is_some() || !question.spans.is_empty()).then_some(question)
+        spans
     }
 
     /// Closes the account: all gaps stay missing.

@@ -81,6 +81,20 @@ fn messages_that_no_publisher_has_stay_missing() {
 }
 
 #[test]
+fn at_the_end_everything_behind_the_last_message_is_requested_too() {
+    let mut bench = Bench::new();
+    assert!(bench.ledger.last_question(bench.now).is_none());
+    bench.live([1, 2, 4]);
+    let question = bench.ledger.last_question(bench.now).unwrap();
+    assert_eq!(question.others_since_ns, i64::MAX);
+    let spans = question.spans.iter().map(|s| (s.from, s.to));
+    assert_eq!(spans.collect::<Vec<_>>(), [(3, 3), (5, u64::MAX)]);
+    assert!(bench.take(3, Origin::Recalled) && bench.take(5, Origin::Recalled));
+    bench.ledger.close();
+    assert_eq!(bench.figures(), (2, 0));
+}
+
+#[test]
 fn late_messages_are_neither_missing_nor_recovered() {
     let mut bench = Bench::new();
     assert_eq!(bench.live([1, 3, 2, 4]), [true; 4]);

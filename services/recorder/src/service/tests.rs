@@ -1,7 +1,7 @@
 use super::*;
 use crate::Recording;
-use tangent_runtime::Parameters;
 use tangent_runtime::bus::answer::done_with;
+use tangent_runtime::{CellConfig, Parameters, Role};
 use tangent_schemas::tangent::ArmState;
 
 fn config(folder: &std::path::Path) -> RecorderConfig {
@@ -113,6 +113,39 @@ fn a_queue_that_overflows_costs_messages_that_are_counted_and_no_publisher_waits
     assert_eq!(summary.lost(), 90);
     let recording = Recording::open(&summary.files[0]).unwrap();
     assert_eq!(recording.metadata()["losses"]["queue_dropped"], "90");
+}
+
+#[test]
+fn the_last_messages_are_recorded_even_if_they_did_not_arrive() {
+    let patience = Duration::from_secs(20);
+    let port = tangent_live::ports::free();
+    let mut cell = CellConfig::default_cell();
+    cell.cell.name = format!("test{port}");
+    cell.zenoh.connect = vec![format!("tcp/127.0.0.1:{port}")];
+    cell.zenoh.listen = cell.zenoh.connect.clone();
+    let _router = Bus::open_within(&cell, Role::Router, patience).unwrap();
+    let robot = Bus::open_within(&cell, Role::Client, patience).unwrap();
+    let recorder = Bus::open_within(&cell, Role::Client, patience).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let config = RecorderConfig {
+        include: vec!["arm/state".to_owned()],
+        ..config(folder.path())
+    };
+    let arm = robot.publisher(&topics::ARM_STATE).unwrap();
+    let mut service = Service::new(config, &recorder, &recorder).unwrap();
+    until("it is read", || arm.is_read_remotely());
+    for _ in 0..10 {
+        arm.publish(&ArmState::default());
+    }
+    until("messages arrive", || service.messages.waiting() == 10);
+    for _ in 0..6 {
+        service.take(&service.messages.try_recv().unwrap());
+    }
+    // The last four are lost on their way, and none comes behind them.
+    while service.messages.try_recv().is_some() {}
+    let summary = service.finish();
+    assert_eq!((summary.recorded, summary.recovered), (10, 4));
+    assert_eq!((summary.missing, summary.lost()), (0, 0));
 }
 
 #[test]
