@@ -7,6 +7,7 @@ pub(crate) mod direction;
 pub(crate) mod falling_away;
 pub mod faults;
 pub(crate) mod joint_guard;
+pub(crate) mod lateness;
 pub(crate) mod motor_force;
 pub(crate) mod plausibility;
 pub(crate) mod reference_probe;

@@ -16,6 +16,7 @@ use crate::contact::alignment::depth_and_across;
 use crate::limits::answer::{Answer, Pressed};
 use crate::limits::direction::{Aimed, Direction};
 use crate::limits::falling_away::{FallingAway, Felt};
+use crate::limits::lateness::Lateness;
 use crate::limits::reference_probe::{Held, ReferenceProbe};
 use crate::limits::standstill::{Judgement, Standstill, UNFELT_N, WAY_M};
 use crate::limits::touch::{Doing, Touch};
@@ -39,6 +40,7 @@ const HELD_SHARE: f64 = 0.5;
 pub(crate) struct ResponseGuard {
     still: Option<Standstill>,
     answer: Option<Answer>,
+    lateness: Option<Lateness>,
     probe: Option<ReferenceProbe>,
     /// Whether the reading does not follow the reference.
     missed: bool,
@@ -81,6 +83,7 @@ impl ResponseGuard {
             });
             let dead = self.stands_still(touch, &step)
                 | self.does_not_follow(touch, &step)
+                | self.is_late(touch, &step)
                 | self.stays_while_leaving(touch);
             let aside = self.points_aside(touch, &step);
             let found = match (dead, aside) {
@@ -204,6 +207,21 @@ impl ResponseGuard {
             answer.accept();
         }
         missing && rule.settling
+    }
+
+    /// Whether the force still rises long after the tool has stopped going deeper.
+    fn is_late(&mut self, touch: &Touch, step: &Vector3<f64>) -> bool {
+        let Some(rule) = touch
+            .depth
+            .filter(|_| touch.doing == Doing::Pressing && touch.rests)
+        else {
+            self.lateness = None;
+            return false;
+        };
+        let (deeper_m, across_m) = depth_and_across(step, &touch.normal);
+        let most_m = deeper_m + rule.slope * across_m + rule.edge_speed_m_per_s * touch.dt_s;
+        let lateness = self.lateness.get_or_insert_default();
+        lateness.is_late(touch, most_m)
     }
 
     /// Whether the force points where no contact can press. Judged under the same law as the depth.
