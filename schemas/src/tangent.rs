@@ -96,7 +96,7 @@ message! {
         pub header: Header,
         /// Validity code (0 valid, 1 missing, 2 stale, 3 saturated, 4 not finite, 5 sensor error,
         /// 11 frozen, 12 axis stuck, 13 does not answer to motion, 14 implausible, 15 points along
-        /// the surface).
+        /// the surface, 16 zero jumped).
         pub validity: u8,
         /// Status word of the sensor, and its bits in words.
         pub status: u32,

@@ -55,6 +55,8 @@ pub enum SensorCondition {
     AxisStuck,
     /// Too many readings jump in a way that no load can cause ([`crate::JumpWatch`]).
     Implausible,
+    /// The zero has jumped ([`crate::StepWatch`]).
+    ZeroJumped,
 }
 
 /// One reading of the sensor and the pose of the arm.
@@ -327,6 +329,7 @@ impl WrenchConditioner {
             SensorCondition::Frozen => Some(Validity::Frozen),
             SensorCondition::AxisStuck => Some(Validity::AxisStuck),
             SensorCondition::Implausible => Some(Validity::Implausible),
+            SensorCondition::ZeroJumped => Some(Validity::ZeroJumped),
             SensorCondition::Good if !reading.wrench.is_finite() => Some(Validity::NotFinite),
             SensorCondition::Good => None,
         }

@@ -41,7 +41,8 @@ pub use payload::{Payload, SensorMotion};
 pub use pose_average::{PoseAverage, PoseFinder};
 pub use sensor_watch::{
     JumpVerdict, JumpWatch, JumpWatchState, RecordVerdict, RecordWatch, RecordWatchConfig,
-    RecordWatchState, SensorRecord, SensorWatch, SensorWatchState, Watched, pressing_at,
+    RecordWatchState, SensorRecord, SensorWatch, SensorWatchState, StepWatch, StepWatchState,
+    Watched, pressing_at,
 };
 pub use tare::{Tare, TareConfig, TareGround, TareRefusal, ZeroPoint};
 pub use target_detector::{GreyImage, TargetDetector, TargetDetectorError};

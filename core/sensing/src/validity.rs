@@ -46,6 +46,9 @@ pub enum Validity {
     /// The measured force points where no contact can press: further from the normal in use than
     /// friction and the error of that normal allow.
     Misdirected = 15,
+    /// The zero of the sensor has jumped: the reading was level, changed within two milliseconds,
+    /// and was level again.
+    ZeroJumped = 16,
 }
 
 impl Validity {
@@ -64,6 +67,7 @@ impl Validity {
                 | Self::Unresponsive
                 | Self::Implausible
                 | Self::Misdirected
+                | Self::ZeroJumped
         )
     }
 
@@ -96,6 +100,9 @@ impl Validity {
             Self::Misdirected => {
                 "the force points along the surface, not out of it: check the sensor's zero, axes and mounting"
             }
+            Self::ZeroJumped => {
+                "the sensor's zero jumped: look for another program that sets it, check its cable and transducer"
+            }
         }
     }
 }
@@ -119,6 +126,7 @@ impl From<u8> for Validity {
             13 => Self::Unresponsive,
             14 => Self::Implausible,
             15 => Self::Misdirected,
+            16 => Self::ZeroJumped,
             _ => Self::SensorError,
         }
     }
@@ -130,10 +138,10 @@ mod tests {
 
     #[test]
     fn every_code_comes_back_and_an_unknown_one_is_never_usable() {
-        for code in 0..=15 {
+        for code in 0..=16 {
             assert_eq!(Validity::from(code) as u8, code);
         }
-        for code in 16..=u8::MAX {
+        for code in 17..=u8::MAX {
             assert_eq!(Validity::from(code), Validity::SensorError);
         }
     }

@@ -144,6 +144,7 @@ impl Conditioning {
             condition: sample.condition,
             missed: sample.missed,
             pressing_at: felt.and_then(|force| pressing_at(at, &force)),
+            felt_n: felt.map(|force| force.norm()),
         };
         let Watched::Take { condition, missed } = self.watch.take(&mut self.watched, &judged)
         else {
@@ -197,7 +198,13 @@ fn conditioner_of(config: &Config, rate_hz: f64) -> Result<WrenchConditioner, Se
 
 /// Plausibility checks for a sensor that sends at `rate_hz`.
 fn watch_of(config: &Config, rate_hz: f64) -> SensorWatch {
-    SensorWatch::new(&RecordWatchConfig::default(), rate_hz, config.range)
+    let tip_in_sensor_m = config.sensor_from_tool.translation();
+    SensorWatch::new(
+        &RecordWatchConfig::default(),
+        rate_hz,
+        config.range,
+        tip_in_sensor_m,
+    )
 }
 
 /// Detects a load beyond the sensor's range, which the sensor does not report. A sample with an

@@ -128,6 +128,9 @@ impl Fault {
             Self::Wrench(Validity::Misdirected) => {
                 "the force points along the surface: check what stands in the way, the sensor's zero and mounting, and the normal"
             }
+            Self::Wrench(Validity::ZeroJumped) => {
+                "the sensor's zero jumped: look for another program that sets it, check its cable and transducer, then tare and start again"
+            }
             Self::Wrench(_) => "sensor reports an error: see wrench/status",
             Self::Estimate(Validity::Missing) => "no normal estimate: is the estimator running?",
             Self::Estimate(Validity::Stale) => {

@@ -108,6 +108,7 @@ mod tests {
             Validity::Unresponsive,
             Validity::Implausible,
             Validity::Misdirected,
+            Validity::ZeroJumped,
         ] {
             let mut guard = WrenchGuard::default();
             assert_eq!(

@@ -601,6 +601,61 @@ fn a_zero_that_ages_faster_than_it_is_taken_ends_the_task() {
     assert_eq!(tares, 2);
 }
 
+/// The tool lifts off to take a new zero: one that is taken proves that it was the surface, and one
+/// that is refused that it was the sensor.
+#[test]
+fn a_zero_that_seems_to_jump_is_proved_or_ends_the_task() {
+    let task = TASK.replace("tare = false", "tare = true");
+    for dt_s in [0.008, 0.002] {
+        for refused in [false, true] {
+            let mut bench = Bench::at_rate(&task, dt_s);
+            let (mut tared_s, mut tares, mut slid_s) = (None, 0, 0.0);
+            let mut last = Phase::Idle;
+            while bench.time_s < 60.0 && (last.is_active() || bench.time_s < 1.0) {
+                let now = bench.time_s;
+                // The sensor's service reports a jump for 10 ms.
+                let jumps = last == Phase::Slide && (0.2..0.21).contains(&slid_s)
+                    || last == Phase::Clear && slid_s > 0.2 && slid_s < 0.21;
+                let output = bench.step(|input| {
+                    input.bias_age_s = tared_s.map(|at| now - at);
+                    if jumps {
+                        input.wrench_validity = Validity::ZeroJumped;
+                    }
+                });
+                let begins = output.phase == Phase::Tare && last != Phase::Tare;
+                tares += u32::from(begins);
+                if output.phase == Phase::Tare && !(refused && tares > 1) {
+                    tared_s = Some(now);
+                }
+                slid_s = match output.phase {
+                    Phase::Slide | Phase::Clear => slid_s + dt_s,
+                    _ => 0.0,
+                };
+                last = output.phase;
+            }
+            let output = bench.last.as_ref().unwrap();
+            if refused {
+                let expected = Fault::Wrench(Validity::ZeroJumped);
+                assert_eq!(output.fault, Some(expected), "{dt_s}");
+                assert_eq!(tares, 2);
+                assert!(!output.in_contact);
+            } else {
+                assert_eq!((output.phase, output.fault), (Phase::Done, None), "{dt_s}");
+                // Once before, and as often as it may prove the zero.
+                assert_eq!(tares, 4, "{dt_s}");
+            }
+        }
+    }
+    // Without a zero of its own, the task cannot take another.
+    let mut bench = Bench::sliding(TASK);
+    let output = bench.step(|input| input.wrench_validity = Validity::ZeroJumped);
+    let expected = Fault::Wrench(Validity::ZeroJumped);
+    assert_eq!(
+        (output.phase, output.fault),
+        (Phase::Retract, Some(expected))
+    );
+}
+
 /// A wrench that is late repeatedly, as on a busy host, interrupts the approach without restarting
 /// it.
 #[test]

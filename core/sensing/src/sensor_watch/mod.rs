@@ -1,28 +1,31 @@
 //! Whether a sensor's records can be the effect of a load: a record watch for values that stand
-//! still, a jump watch for values that jump.
+//! still, a jump watch for values that jump, a step watch for a zero that jumps.
 //!
 //! Called for every record before tare and filter: by `netft`, `franka`, and the closed loops of
 //! `evaluate`.
 
 mod jumps;
 mod records;
+mod steps;
 
 pub use jumps::{JumpVerdict, JumpWatch, JumpWatchState};
 pub use records::{RecordVerdict, RecordWatch, RecordWatchConfig, RecordWatchState};
+pub use steps::{StepWatch, StepWatchState};
 
 use nalgebra::Vector3;
 
 use crate::SensorCondition;
 
-/// Record watch and jump watch of one sensor. Their state is in [`SensorWatchState`].
+/// Record watch, jump watch and step watch of one sensor. Their state is in [`SensorWatchState`].
 ///
 /// ```
+/// use nalgebra::Vector3;
 /// use tangent_sensing::{
 ///     RecordWatchConfig, SensorCondition, SensorRecord, SensorWatch, SensorWatchState, Watched,
 /// };
 ///
 /// let range = [130.0, 130.0, 400.0, 10.0, 10.0, 10.0];
-/// let watch = SensorWatch::new(&RecordWatchConfig::default(), 1000.0, range);
+/// let watch = SensorWatch::new(&RecordWatchConfig::default(), 1000.0, range, Vector3::zeros());
 /// let mut state = SensorWatchState::default();
 /// let record = SensorRecord {
 ///     counts: [100, -20, 5000, 3, 4, -1],
@@ -30,6 +33,7 @@ use crate::SensorCondition;
 ///     condition: SensorCondition::Saturated,
 ///     missed: 0,
 ///     pressing_at: None,
+///     felt_n: None,
 /// };
 /// // A condition that the sensor reports is passed on.
 /// let expected = Watched::Take { condition: SensorCondition::Saturated, missed: 0 };
@@ -39,6 +43,7 @@ use crate::SensorCondition;
 pub struct SensorWatch {
     records: RecordWatch,
     jumps: JumpWatch,
+    steps: StepWatch,
 }
 
 /// State of a [`SensorWatch`]. A new one is the reset.
@@ -46,6 +51,7 @@ pub struct SensorWatch {
 pub struct SensorWatchState {
     records: RecordWatchState,
     jumps: JumpWatchState,
+    steps: StepWatchState,
     left_out: u32,
     implausible: u64,
 }
@@ -63,6 +69,9 @@ pub struct SensorRecord {
     pub missed: u32,
     /// Position of the tool while it is known to press, m, axes at rest; `None` otherwise.
     pub pressing_at: Option<Vector3<f64>>,
+    /// Force that the readings before it have shown, with the zero subtracted, N; `None` without a
+    /// zero.
+    pub felt_n: Option<f64>,
 }
 
 /// Force above which a tool is known to press, N. It exceeds any zero, payload error or inertial
@@ -91,11 +100,17 @@ pub enum Watched {
 
 impl SensorWatch {
     /// Watch of a sensor with `rate_hz` records per second, rated for `range` (N, then Nm; a range
-    /// of 0 or infinity has no bound).
-    pub fn new(config: &RecordWatchConfig, rate_hz: f64, range: [f64; 6]) -> Self {
+    /// of 0 or infinity has no bound); the tool touches at `tip_in_sensor_m` (sensor axes, m).
+    pub fn new(
+        config: &RecordWatchConfig,
+        rate_hz: f64,
+        range: [f64; 6],
+        tip_in_sensor_m: Vector3<f64>,
+    ) -> Self {
         Self {
             records: RecordWatch::new(config, rate_hz),
             jumps: JumpWatch::new(rate_hz, range),
+            steps: StepWatch::new(rate_hz, tip_in_sensor_m),
         }
     }
 
@@ -107,6 +122,7 @@ impl SensorWatch {
             condition,
             missed,
             pressing_at,
+            felt_n,
         } = record;
         let (condition, missed) = (*condition, *missed);
         let missed = missed.saturating_add(state.left_out);
@@ -114,6 +130,7 @@ impl SensorWatch {
             // A saturated gauge repeats the same reading, and returns with a jump.
             state.records.interrupt();
             state.jumps = JumpWatchState::default();
+            state.steps = StepWatchState::default();
             state.left_out = 0;
             return Watched::Take { condition, missed };
         }
@@ -134,6 +151,10 @@ impl SensorWatch {
             (SensorCondition::Good, JumpVerdict::TooMany) => SensorCondition::Implausible,
             (found, _) => found,
         };
+        let condition = match self.steps.take(&mut state.steps, wrench, *felt_n, missed) {
+            true if condition == SensorCondition::Good => SensorCondition::ZeroJumped,
+            _ => condition,
+        };
         state.left_out = 0;
         Watched::Take { condition, missed }
     }
@@ -150,7 +171,7 @@ impl SensorWatchState {
         self.implausible
     }
 
-    /// Restarts both watches. The count of implausible records continues.
+    /// Restarts all watches. The count of implausible records continues.
     pub fn restart(&mut self) {
         *self = Self {
             implausible: self.implausible,
@@ -165,7 +186,12 @@ mod tests {
 
     #[test]
     fn a_record_left_out_is_a_lost_one_to_the_filter() {
-        let watch = SensorWatch::new(&RecordWatchConfig::default(), 7000.0, [130.0; 6]);
+        let watch = SensorWatch::new(
+            &RecordWatchConfig::default(),
+            7000.0,
+            [130.0; 6],
+            Vector3::zeros(),
+        );
         let mut state = SensorWatchState::default();
         let mut take = |x: f64, missed| {
             let record = SensorRecord {
@@ -174,6 +200,7 @@ mod tests {
                 condition: SensorCondition::Good,
                 missed,
                 pressing_at: None,
+                felt_n: None,
             };
             watch.take(&mut state, &record)
         };
@@ -190,7 +217,12 @@ mod tests {
 
     #[test]
     fn what_the_sensor_says_itself_comes_first() {
-        let watch = SensorWatch::new(&RecordWatchConfig::default(), 1000.0, [130.0; 6]);
+        let watch = SensorWatch::new(
+            &RecordWatchConfig::default(),
+            1000.0,
+            [130.0; 6],
+            Vector3::zeros(),
+        );
         let mut state = SensorWatchState::default();
         for i in 0..5000 {
             let record = SensorRecord {
@@ -199,6 +231,7 @@ mod tests {
                 condition: SensorCondition::Saturated,
                 missed: i % 2,
                 pressing_at: None,
+                felt_n: None,
             };
             let taken = watch.take(&mut state, &record);
             let said = Watched::Take {

@@ -21,13 +21,15 @@ pub(crate) struct WatchedSensor {
 }
 
 impl WatchedSensor {
-    pub fn new(config: &SensorConfig) -> Self {
+    /// Receiver for a tool whose tip is at `tip_in_sensor_m` (m), as stated in the cell file.
+    pub fn new(config: &SensorConfig, tip_in_sensor_m: Vector3<f64>) -> Self {
         let ([fx, fy, fz], [tx, ty, tz]) = (config.range_n, config.range_nm);
         Self {
             watch: SensorWatch::new(
                 &RecordWatchConfig::default(),
                 config.rate_hz,
                 [fx, fy, fz, tx, ty, tz],
+                tip_in_sensor_m,
             ),
             state: SensorWatchState::default(),
             scale: Vector6::from_fn(|i, _| {
@@ -61,6 +63,7 @@ impl WatchedSensor {
             condition: said,
             missed: 0,
             pressing_at: felt.and_then(|felt| pressing_at(Some(*tool), &felt.wrench.force)),
+            felt_n: felt.map(|felt| felt.wrench.force.norm()),
         };
         let watched = self.watch.take(&mut self.state, &record);
         let Watched::Take { condition, missed } = watched else {

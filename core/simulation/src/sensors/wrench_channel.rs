@@ -44,8 +44,9 @@ impl WrenchChannel {
         let flange_from_sensor: Pose<Flange, SensorFrame> =
             Pose::from_isometry(tool.flange_from_sensor.isometry());
         let payload = &tool.payload;
+        let sensor_from_tool = flange_from_sensor.inverse() * flange_from_tool;
         Ok(Self {
-            sensor: WatchedSensor::new(sensor),
+            sensor: WatchedSensor::new(sensor, sensor_from_tool.translation()),
             conditioner: WrenchConditioner::new(
                 sensing,
                 &Payload {
@@ -53,7 +54,7 @@ impl WrenchChannel {
                     com_in_sensor_m: payload.com_in_sensor_m,
                     inertia_kg_m2: payload.inertia_kg_m2,
                 },
-                flange_from_sensor.inverse() * flange_from_tool,
+                sensor_from_tool,
                 sensor.rate_hz,
             )?,
             conditioning: WrenchConditionerState::default(),

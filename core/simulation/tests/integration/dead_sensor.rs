@@ -66,6 +66,10 @@ pub(crate) fn run(scenario: &AdmittanceScenario, fault_s: f64) -> Seen {
             Phase::Retract if cycle.output.fault.is_some() => {
                 seen.left_s = seen.left_s.or(Some(time_s));
             }
+            // Lifts off to prove the zero.
+            Phase::Clear if seen.contact_s.is_finite() => {
+                seen.left_s = seen.left_s.or(Some(time_s));
+            }
             _ => {}
         }
         if time_s >= fault_s {

@@ -209,6 +209,9 @@ impl Cell {
         } else {
             *last = counts;
         }
+        if has(Fault::ZeroJumped) {
+            counts[2] += self.sensor.counts_of(2, 1.5);
+        }
         *since += 1;
         if has(Fault::SensorCorrupt) && since.is_multiple_of(4) {
             counts[2] += self.sensor.counts_of(2, 30.0);

@@ -32,6 +32,8 @@ faults! {
     SensorDead,
     /// One record in four is wrong by 30 N: well-formed, but caused by no load.
     SensorCorrupt,
+    /// The sensor's zero has jumped by 1.5 N along the tool, so that it reads less.
+    ZeroJumped,
     /// The sensor's service restarts, and no record arrives meanwhile. It keeps the last good zero.
     SensorRestart,
     /// No estimate arrives.

@@ -265,6 +265,34 @@ fn records_that_leap_are_left_out_until_they_are_too_many() {
     }
 }
 
+/// The tool lifts off to prove the zero, which is then refused: 20 ms after the jump the watch has
+/// seen enough.
+#[test]
+fn a_zero_that_jumps_takes_the_tool_off_the_surface_and_ends_the_task() {
+    for (flavour, offset) in both() {
+        let what = format!("{flavour:?}, {offset}");
+        let mut cell = Cell::with(flavour, Fault::ZeroJumped, offset);
+        let latest = (0.022 / cell.period_s()).ceil() as u64 + 1;
+        let cycle = (1..=latest).find(|_| {
+            cell.step();
+            cell.phase() != Phase::Slide
+        });
+        assert!(
+            cycle.is_some(),
+            "{what}: still slides after {latest} cycles"
+        );
+        assert!(
+            matches!(cell.phase(), Phase::Clear | Phase::Retract),
+            "{what}"
+        );
+        if is_followed(offset) {
+            off_the_surface(&mut cell);
+            let why = cell.output.unwrap().fault;
+            assert_eq!(why, Some(TaskFault::Wrench(Validity::ZeroJumped)), "{what}");
+        }
+    }
+}
+
 /// The robot's own stops, and its restart: the task ends with the first packet that reports them,
 /// and nothing moves before a new start.
 #[test]

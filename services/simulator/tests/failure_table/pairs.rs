@@ -25,10 +25,16 @@ impl PairCell for Cell {
         (of_play as f64 * 0.008 / self.period_s()).round() as u64
     }
 
-    /// The effects of a silent estimate take a second.
+    /// The effects of a silent estimate take a second. A zero that has jumped is refused for
+    /// `timeouts.tare_s` before the task ends.
     fn lasts(&self, play: &PlayOf<Self>) -> u64 {
-        let blind = play.has(Fault::EstimateSilent);
-        self.cycles_in(if blind { 1.2 } else { 0.5 })
+        self.cycles_in(if play.has(Fault::ZeroJumped) {
+            8.0
+        } else if play.has(Fault::EstimateSilent) {
+            1.2
+        } else {
+            0.5
+        })
     }
 
     /// The bridge could move the arm, or waits for a person.

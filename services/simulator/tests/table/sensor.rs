@@ -54,7 +54,12 @@ impl SensorChain {
             conditioner: WrenchConditioner::new(sensing, &payload, sensor_from_tool, rate_hz)
                 .unwrap(),
             conditioning: WrenchConditionerState::default(),
-            watch: SensorWatch::new(&RecordWatchConfig::default(), rate_hz, range),
+            watch: SensorWatch::new(
+                &RecordWatchConfig::default(),
+                rate_hz,
+                range,
+                sensor_from_tool.translation(),
+            ),
             watching: SensorWatchState::default(),
             wrench: None,
             scale: [n, n, n, nm, nm, nm],
@@ -101,6 +106,7 @@ impl SensorChain {
             missed: 0,
             pressing_at: zeroed
                 .and_then(|(w, _)| pressing_at(Some(tool.0.translation()), &w.wrench.force)),
+            felt_n: zeroed.map(|(w, _)| w.wrench.force.norm()),
         };
         let taken = self.watch.take(&mut self.watching, &record);
         let Watched::Take { condition, missed } = taken else {

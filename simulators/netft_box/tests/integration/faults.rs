@@ -1,8 +1,10 @@
 //! Faults between box and client: they are counted, marked in the validity, and end.
 
+use std::net::UdpSocket;
 use std::time::Duration;
 
 use tangent_live::timed;
+use tangent_netft::codec::{Command, Request};
 use tangent_runtime::Subscription;
 use tangent_schemas::standard::WrenchStamped;
 use tangent_schemas::tangent::Health;
@@ -126,6 +128,27 @@ fn a_stuck_axis_is_noticed_within_two_cycles_and_named() {
         assert!(at_ns - since_ns <= 16_000_000, "{} ns", at_ns - since_ns);
         rig.simulated.inject(NetbFault::StickAxis(None));
         wait_for(&statuses, "the living axis", |s| s.validity == VALID);
+    });
+}
+
+/// Another program sets the box's software bias while the tool presses: it applies to all clients.
+#[test]
+fn a_software_bias_of_another_client_is_a_zero_that_jumped() {
+    timed(|| {
+        let (rig, statuses) = noisy_rig();
+        let other = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+        let request = Request {
+            command: Command::SetSoftwareBias,
+            sample_count: 0,
+        };
+        other
+            .send_to(&request.to_bytes(), rig.simulated.rdt_address())
+            .unwrap();
+        let told = wait_for(&statuses, "the jump", |s| s.validity != VALID);
+        assert_eq!(told.validity, ZERO_JUMPED);
+        wait_for(&statuses, "the reading after it", |s| s.validity == VALID);
+        let answer = rig.tare();
+        assert!(answer.done, "there was no zero before: {answer:?}");
     });
 }
 

@@ -19,6 +19,7 @@ pub const SATURATED: u8 = 3;
 pub const FROZEN: u8 = 11;
 pub const AXIS_STUCK: u8 = 12;
 pub const IMPLAUSIBLE: u8 = 14;
+pub const ZERO_JUMPED: u8 = 16;
 
 /// The service beside a box, on a bus of its own.
 pub struct Rig {

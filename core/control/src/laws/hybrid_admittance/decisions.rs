@@ -86,6 +86,10 @@ impl Run {
                 let fault = self.cause(fault, percept);
                 return self.leave(percept, Some(fault));
             }
+            if std::mem::take(&mut self.zero_doubted) {
+                self.zero_doubts += 1;
+                return self.lift_off(percept);
+            }
             if self.is_zero_old(program, input) {
                 let stops = task.zero.at_limit == ZeroAtLimit::Stop || input.base.is_some();
                 if stops || self.is_new_zero_no_help() {
@@ -181,7 +185,12 @@ impl Run {
                         self.enter(back, percept);
                     }
                 } else if waited_s > task.timeouts.tare_s {
-                    self.leave(percept, Some(Fault::NoTare));
+                    let fault = if self.zero_doubts > 0 {
+                        Fault::Wrench(Validity::ZeroJumped)
+                    } else {
+                        Fault::NoTare
+                    };
+                    self.leave(percept, Some(fault));
                 }
             }
             Phase::Approach => {

@@ -25,8 +25,23 @@ use crate::task::program::Program;
 
 /// Minimum sliding time after the return of a tool for its new zero to have helped, s.
 const SLID_ON_S: f64 = 0.5;
+/// Number of times that a tool lifts off to prove a zero in one run. If each has proved it, it is
+/// the surface that makes the force jump.
+const ZERO_DOUBTS_MAX: u32 = 3;
 /// Age of a doubted reading up to which it still stops a retraction, s.
 const DOUBTED_AGE_MAX_S: f64 = 0.05;
+
+/// What follows from a zero that seems to have jumped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ZeroJump {
+    /// The tool lifts off for a new zero, which is refused if it is far from the last good one. A
+    /// force that jumps at an edge looks the same as a zero that does.
+    ToProve,
+    /// Nothing: the zero is proved, or about to be.
+    Proved,
+    /// The sensor is faulty.
+    Fault,
+}
 
 impl Run {
     /// Records where the tool may touch, and the direction away from the surface. Nothing moves in
@@ -328,6 +343,30 @@ impl Run {
             && input
                 .zero_bound_n
                 .is_none_or(|bound_n| bound_n > error_max_n)
+    }
+
+    /// What follows if the sensor's zero seems to have jumped now.
+    pub(crate) fn zero_jump<const N: usize>(
+        &self,
+        program: &Program,
+        input: &ControlInput<N>,
+    ) -> ZeroJump {
+        if !self.touched || !program.task.tare || input.base.is_some() {
+            return ZeroJump::Fault;
+        }
+        match self.phase {
+            // The same jump is reported for some cycles.
+            Phase::Clear if self.zero_doubts > 0 => ZeroJump::Proved,
+            Phase::Hold if self.stands_without_wrench() => ZeroJump::Fault,
+            Phase::Contact | Phase::Slide | Phase::Seek | Phase::Hold => {
+                if self.zero_doubts < ZERO_DOUBTS_MAX {
+                    ZeroJump::ToProve
+                } else {
+                    ZeroJump::Proved
+                }
+            }
+            _ => ZeroJump::Fault,
+        }
     }
 
     /// Whether a zero taken anew in this run was too old as soon as the tool was back: another one

@@ -125,6 +125,10 @@ pub(crate) struct Run {
     pub seeks_lost: bool,
     /// Whether the tool has lifted off for a new zero in this run.
     pub renewed: bool,
+    /// Whether the zero may have jumped: the tool is to lift off and prove it.
+    pub zero_doubted: bool,
+    /// Number of times that it has.
+    pub zero_doubts: u32,
     /// Whether the zero in force turned out to have been taken in contact.
     pub zero_withdrawn: bool,
     /// The way in joint space to the start pose, or home.
@@ -188,6 +192,8 @@ impl Run {
             tared_at: None,
             seeks_lost: false,
             renewed: false,
+            zero_doubted: false,
+            zero_doubts: 0,
             zero_withdrawn: false,
             travel: JointWay::default(),
         }

@@ -7,6 +7,7 @@ use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
+use super::leaving::ZeroJump;
 use super::moving_base::MovingBase;
 use super::percept::Percept;
 use super::run::{HoldReason, Run};
@@ -176,8 +177,10 @@ impl Run {
         input: &ControlInput<N>,
         reference_n: f64,
     ) -> Validity {
-        if !input.wrench_validity.is_valid() {
-            return input.wrench_validity;
+        match (input.wrench_validity, self.zero_jump(program, input)) {
+            (Validity::Valid, _) | (Validity::ZeroJumped, ZeroJump::Proved) => {}
+            (Validity::ZeroJumped, ZeroJump::ToProve) => self.zero_doubted = true,
+            (invalid, _) => return invalid,
         }
         let pose = &input.base_from_tool;
         let normal = if self.touched {
