@@ -3,8 +3,9 @@
 //! A sensor that has died in free space, with its noise alive, looks as free space does: only a
 //! second witness tells that the tool has touched. The arm's own force is far less accurate (UR
 //! states 10 N for a CB3 arm, from its motors' currents), and its zero changes with the pose and
-//! the direction of motion. It is taken at the start of each motion towards a surface; other
-//! motions are compared with that of the motions before, by a wider bound.
+//! the direction of motion. It is taken at the start of each motion towards a surface, and kept
+//! while the force builds up; other motions are compared with that of the motions before, by a
+//! wider bound.
 
 use nalgebra::Vector3;
 
@@ -31,6 +32,8 @@ pub(crate) enum Moving {
     In,
     /// Stopped on the way there for a moment.
     Stopped,
+    /// Into the surface that it has met so, while the force builds up.
+    Pressing,
     /// Any other way.
     Other,
 }
@@ -40,6 +43,7 @@ impl Moving {
     pub fn of(phase: Phase, stopped: Option<Phase>) -> Self {
         match (phase, stopped) {
             (Phase::Approach | Phase::Seek, _) => Self::In,
+            (Phase::Contact, _) => Self::Pressing,
             (_, Some(Phase::Approach | Phase::Seek)) => Self::Stopped,
             (apart, _) if apart.is_before_approach() => Self::Apart,
             _ => Self::Other,
@@ -107,23 +111,27 @@ impl ArmForceGuard {
         let smooth = *smooth;
         let wider_n = SCALE_SHARE * forces.sensor.norm();
         let beyond = |zero: &Vector3<f64>, most| (smooth - zero).norm() > most + wider_n;
-        let in_motion = if moving == Moving::In {
-            let zero = self.motion.get_or_insert(MotionZero {
-                mean: Vector3::zeros(),
-                time_s: 0.0,
-            });
-            let before_s = zero.time_s;
-            zero.time_s += dt_s;
-            if zero.time_s <= ZERO_S {
-                zero.mean += (difference - zero.mean) * (dt_s / zero.time_s);
-            } else if before_s <= ZERO_S {
-                let task = self.task.get_or_insert(zero.mean);
-                *task += clamp_norm(zero.mean - *task, RENEWED_N);
+        let in_motion = match (moving, &mut self.motion) {
+            (Moving::In, motion) => {
+                let zero = motion.get_or_insert(MotionZero {
+                    mean: Vector3::zeros(),
+                    time_s: 0.0,
+                });
+                let before_s = zero.time_s;
+                zero.time_s += dt_s;
+                if zero.time_s <= ZERO_S {
+                    zero.mean += (difference - zero.mean) * (dt_s / zero.time_s);
+                } else if before_s <= ZERO_S {
+                    let task = self.task.get_or_insert(zero.mean);
+                    *task += clamp_norm(zero.mean - *task, RENEWED_N);
+                }
+                beyond(&zero.mean, most_n)
             }
-            beyond(&zero.mean, most_n)
-        } else {
-            self.motion = None;
-            false
+            (Moving::Pressing, Some(zero)) if zero.time_s > ZERO_S => beyond(&zero.mean, most_n),
+            (_, motion) => {
+                *motion = None;
+                false
+            }
         };
         in_motion || (self.task).is_some_and(|zero| beyond(&zero, ANY_MOTION * most_n))
     }
@@ -209,6 +217,21 @@ mod tests {
         assert!(finds(&mut guard, Moving::In, felt(45.0)));
         assert!(!guard.step(Moving::Other, felt(45.0), MOST_N, 0.008));
         assert!(!finds(&mut guard, Moving::In, felt(45.0)));
+    }
+
+    /// The bug: a sensor that died as the force built up was found only at twice the bound.
+    #[test]
+    fn while_the_force_builds_up_the_bound_is_that_of_the_motion_before() {
+        let pressing = Moving::of(Phase::Contact, None);
+        assert!(!finds(&mut moved(), pressing, felt(34.0)));
+        assert!(finds(&mut moved(), pressing, felt(37.0)));
+        // Without a motion of which the zero is known, and after another motion, it is wider.
+        let mut short = ArmForceGuard::default();
+        let mut slid = moved();
+        short.step(Moving::In, felt(5.0), MOST_N, 0.008);
+        slid.step(Moving::Other, felt(5.0), MOST_N, 0.008);
+        assert!(!finds(&mut short, pressing, felt(60.0)));
+        assert!(!finds(&mut slid, pressing, felt(60.0)));
     }
 
     #[test]
