@@ -11,6 +11,8 @@ const JUDGED_S: f64 = 1.0;
 /// Longest time until an honest reading shows a motion, s: the delay of its filter and of the arm's
 /// own measurements.
 const HONEST_S: f64 = 0.06;
+/// Time for which the force stays higher, s: a blow is shorter.
+const STAYS_S: f64 = 0.03;
 /// Rise of the force that is more than noise and vibration, N, or as a share of the reference.
 const RISE_N: f64 = 1.0;
 const RISE_SHARE: f64 = 0.25;
@@ -27,6 +29,8 @@ pub(crate) struct Lateness {
     since_s: f64,
     /// Largest force within [`HONEST_S`] after that, N.
     honest_n: f64,
+    /// Time since which the force is higher, s.
+    higher_s: f64,
 }
 
 impl Lateness {
@@ -45,7 +49,12 @@ impl Lateness {
             self.honest_n = self.honest_n.max(touch.force_n);
         }
         let rise_n = RISE_N.max(RISE_SHARE * touch.reference_n);
-        self.contact_s <= JUDGED_S && touch.force_n - self.honest_n > rise_n
+        if touch.force_n - self.honest_n > rise_n {
+            self.higher_s += touch.dt_s;
+        } else {
+            self.higher_s = 0.0;
+        }
+        self.contact_s <= JUDGED_S && self.higher_s >= STAYS_S
     }
 }
 
@@ -107,6 +116,22 @@ mod tests {
             for delay_s in [0.0, 0.02, 0.05] {
                 assert_eq!(noticed_n(stiffness, delay_s, 0.2), None, "{delay_s} s");
             }
+        }
+    }
+
+    #[test]
+    fn a_blow_is_no_late_reading_and_a_step_that_stays_is() {
+        for (lasts, expected) in [(10, false), (20, true)] {
+            let mut lateness = Lateness::default();
+            let late = (0..400).any(|k| {
+                let force_n = if (200..200 + lasts).contains(&k) {
+                    8.0
+                } else {
+                    3.0
+                };
+                lateness.is_late(&touch(force_n), 0.0)
+            });
+            assert_eq!(late, expected, "{lasts} cycles");
         }
     }
 

@@ -76,7 +76,7 @@ fn calm(law: Law, world: &World, stiffness: f64) -> (f64, f64) {
 }
 
 /// Largest true pressing force from the fault on (N), the limit of the cell, the fault that ended
-/// the task, and the time until then (s).
+/// the task, and the time until the tool began to leave (s).
 fn deaf(
     law: Law,
     world: &World,
@@ -100,12 +100,15 @@ fn deaf(
         if seen.time_s >= from_s {
             peak_n = peak_n.max(seen.pressing_n);
         }
-        if fault.is_none() && seen.fault.is_some() {
-            (fault, ended_s) = (seen.fault, seen.time_s - from_s);
-        }
         let over_s = seen.time_s - from_s;
+        // It also lifts off to prove a zero that seems to have jumped.
+        let leaves = seen.fault.is_some() || seen.phase == Phase::Clear;
+        if leaves && over_s >= 0.0 {
+            ended_s = ended_s.min(over_s);
+        }
+        fault = fault.or(seen.fault);
         if over_s > watched_s
-            || over_s > ended_s + 0.5
+            || fault.is_some() && over_s > ended_s + 0.5
             || peak_n > ENOUGH_N
             || !seen.phase.is_active()
         {

@@ -156,7 +156,7 @@ fn a_zero_that_jumps_is_noticed_at_once() {
 /// pressed with up to 23 N, and went on to the end of the path.
 #[test]
 fn old_readings_are_noticed_at_the_touch() {
-    for (delay_s, most_n) in [(0.25, 9.0), (0.4, 15.0), (0.6, 23.0)] {
+    for (delay_s, most_n) in [(0.25, 10.0), (0.4, 16.0), (0.6, 25.0)] {
         for name in SURFACES {
             for stiffness in [1e4, 2.5e4] {
                 let calm = run(&scenario(name, &settings(stiffness, true)), 0.0);
