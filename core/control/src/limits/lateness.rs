@@ -2,7 +2,8 @@
 //! come behind new sequence numbers.
 //!
 //! Called by `response_guard` each cycle in which the tool presses. Only the time after a touch is
-//! judged, in which the tool hardly moves along the surface: later, a rising surface looks the same.
+//! judged, in which the tool hardly moves along the surface. Later, a rising surface looks the
+//! same.
 
 use crate::limits::touch::Touch;
 

@@ -1,11 +1,11 @@
-//! Detection of a zero that jumps: the reading follows a straight line, changes within a millisecond
-//! or two, and follows a line of about the same slope again.
+//! Detection of a zero that jumps: the reading follows a straight line, changes within one or two
+//! milliseconds, and follows a line of about the same slope again.
 //!
 //! The force of a contact rises for as long as the tool moves into it, and an arm needs longer than
 //! such a part to stop; a blow ends, or rings. A zero jumps where another client of the sensor
-//! sets it, or where a gauge or a plug fails. A contact that moves from one edge to another may also
-//! change the force at once, but then the torque about the sensor follows with the lever to the
-//! tool's tip, and friction changes with the pressing force.
+//! sets it, or where a gauge or a plug fails. A contact that moves from one edge to another may
+//! also change the force at once, but then the torque about the sensor follows with the lever to
+//! the tool's tip, and friction changes with the pressing force.
 
 use nalgebra::Vector3;
 
