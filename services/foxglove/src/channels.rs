@@ -1,12 +1,13 @@
 //! One channel per topic, as in a recording: the same name, schema and bytes.
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
 
 use foxglove::{ChannelId, Context, PartialMetadata, RawChannel, Schema, SinkId};
 use tangent_recorder::{Definitions, matches_any};
 use tangent_runtime::RawMessage;
 use tangent_schemas::topics;
+use tokio::runtime::Handle;
 
 use crate::Config;
 
@@ -14,6 +15,7 @@ use crate::Config;
 /// follows.
 pub struct Channels {
     context: Arc<Context>,
+    viewers: Handle,
     include: Vec<String>,
     exclude: Vec<String>,
     by_key: HashMap<Arc<str>, Channel>,
@@ -28,9 +30,11 @@ struct Channel {
 }
 
 impl Channels {
-    pub fn new(context: &Arc<Context>, config: &Config) -> Self {
+    /// No channel yet; `viewers` is the runtime that serves the viewers, with one thread.
+    pub fn new(context: &Arc<Context>, viewers: &Handle, config: &Config) -> Self {
         Self {
             context: Arc::clone(context),
+            viewers: viewers.clone(),
             include: config.include.clone(),
             exclude: config.exclude.clone(),
             by_key: HashMap::new(),
@@ -73,11 +77,20 @@ impl Channels {
         };
         let schema = Schema::new(message.type_name.to_string(), encoding, text);
         let builder = self.context.channel_builder(format!("/{}", message.key));
-        let channel = builder.message_encoding("cdr").schema(schema).build_raw();
-        let channel = match channel {
-            Ok(channel) => channel,
-            Err(error) => {
+        let builder = builder.message_encoding("cdr").schema(schema);
+        // The server advertises a channel before it notes that it has: from any other thread, a
+        // viewer that subscribes at once may be told that there is no such channel.
+        let (tell, told) = mpsc::channel();
+        self.viewers
+            .spawn(async move { tell.send(builder.build_raw()) });
+        let channel = match told.recv() {
+            Ok(Ok(channel)) => channel,
+            Ok(Err(error)) => {
                 tracing::error!("{}: {error}", message.key);
+                return false;
+            }
+            Err(_) => {
+                tracing::error!("{}: the thread that serves viewers has ended", message.key);
                 return false;
             }
         };

@@ -51,6 +51,7 @@ pub fn run(
         _ => "**",
     };
     let messages = bus.subscribe_raw(pattern, config.queue)?;
+    // One thread: `Channels` relies on it.
     let threads = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(1)
         .thread_name("foxglove-viewer")
@@ -74,7 +75,7 @@ pub fn run(
         })?;
     listening(server.port());
     tracing::info!("viewers: ws://{}:{}", config.address.ip(), server.port());
-    let mut channels = Channels::new(&context, config);
+    let mut channels = Channels::new(&context, threads.handle(), config);
     let meters = Meters::new(&health);
     health.running();
     let beat = Beat::new(SERVICE);
