@@ -61,30 +61,9 @@ impl Lateness {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Vector3, Vector6};
-
     use super::*;
-    use crate::limits::touch::Doing;
 
     const DT_S: f64 = 0.002;
-
-    fn touch(force_n: f64) -> Touch {
-        Touch {
-            doing: Doing::Pressing,
-            position: Vector3::zeros(),
-            normal: Vector3::z(),
-            wrench: Vector6::zeros(),
-            force_n,
-            reference_n: 3.0,
-            stiffness_n_per_m: None,
-            gives_way: false,
-            rests: true,
-            fresh: true,
-            depth: None,
-            probe: None,
-            dt_s: DT_S,
-        }
-    }
 
     /// A tool that goes in at 2 mm/s until it reads 3 N, then comes out at 1 mm/s, on a contact of
     /// `stiffness` N/m whose readings are `delay_s` old. Returns the true force, N, when that is
@@ -100,7 +79,7 @@ mod tests {
             turned |= force_n >= 3.0;
             let step_m = DT_S * if turned { -1e-3 } else { 2e-3 };
             depth_m += step_m;
-            if lateness.is_late(&touch(force_n), step_m) {
+            if lateness.is_late(&Touch::pressing(force_n), step_m) {
                 return Some(stiffness * depth_m);
             }
         }
@@ -130,7 +109,7 @@ mod tests {
                 } else {
                     3.0
                 };
-                lateness.is_late(&touch(force_n), 0.0)
+                lateness.is_late(&Touch::pressing(force_n), 0.0)
             });
             assert_eq!(late, expected, "{lasts} cycles");
         }
@@ -141,7 +120,7 @@ mod tests {
         let mut lateness = Lateness::default();
         for k in 0..2000_u32 {
             let force_n = if k < 500 { 3.0 } else { 8.0 };
-            assert!(!lateness.is_late(&touch(force_n), 0.0));
+            assert!(!lateness.is_late(&Touch::pressing(force_n), 0.0));
         }
     }
 }

@@ -260,8 +260,6 @@ impl ResponseGuard {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector6;
-
     use super::*;
     use crate::limits::answer::DepthRule;
 
@@ -270,14 +268,6 @@ mod tests {
         Touch {
             doing,
             position: Vector3::new(0.4 + x, 0.0, 0.2 - depth),
-            normal: Vector3::z(),
-            wrench: Vector6::new(0.0, 0.0, -force_n, 0.0, 0.0, 0.0),
-            force_n,
-            reference_n: 3.0,
-            stiffness_n_per_m: None,
-            gives_way: false,
-            rests: true,
-            fresh: true,
             depth: Some(DepthRule {
                 settling: false,
                 slope: 0.36,
@@ -285,8 +275,8 @@ mod tests {
                 blind_max_m: 0.03,
                 soft_tip: false,
             }),
-            probe: None,
             dt_s: 0.008,
+            ..Touch::pressing(force_n)
         }
     }
 

@@ -63,6 +63,26 @@ pub(crate) struct Touch {
 }
 
 impl Touch {
+    /// A tool that presses with `force_n` along z, asked for 3 N, in a cycle of 2 ms.
+    #[cfg(test)]
+    pub fn pressing(force_n: f64) -> Self {
+        Self {
+            doing: Doing::Pressing,
+            position: Vector3::zeros(),
+            normal: Vector3::z(),
+            wrench: Vector6::new(0.0, 0.0, -force_n, 0.0, 0.0, 0.0),
+            force_n,
+            reference_n: 3.0,
+            stiffness_n_per_m: None,
+            gives_way: false,
+            rests: true,
+            fresh: true,
+            depth: None,
+            probe: None,
+            dt_s: 0.002,
+        }
+    }
+
     /// Whether the tool is meant to press, and the measured force is at least this share of the
     /// reference.
     pub fn presses(&self, share: f64) -> bool {

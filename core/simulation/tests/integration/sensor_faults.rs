@@ -6,8 +6,15 @@ use tangent_sensing::Validity;
 
 use crate::dead_sensor::{SURFACES, Seen, run, scenario, settings, with_fault};
 
-/// Name and table of each fault at `from_s`. The sensor has a million counts per newton, and its z
+/// Table of a zero that steps at `from_s`. The sensor has a million counts per newton, and its z
 /// axis reads a pressing force as negative.
+fn bias_step(axis: usize, newtons: i32, from_s: f64) -> String {
+    let mut counts = [0; 6];
+    counts[axis] = newtons * 1_000_000;
+    format!("{{ kind = \"bias_step\", counts = {counts:?}, from_s = {from_s} }}")
+}
+
+/// Name and table of each fault at `from_s`.
 fn faults(from_s: f64) -> Vec<(String, String)> {
     let with = |name: &str, keys: &str| {
         let table = format!("{{ {keys}, from_s = {from_s} }}");
@@ -30,12 +37,8 @@ fn faults(from_s: f64) -> Vec<(String, String)> {
     }
     for (axis, name) in [(0, "x"), (2, "z")] {
         for step_n in [-3, -1, 1, 3] {
-            let mut counts = [0; 6];
-            counts[axis] = step_n * 1_000_000;
-            all.push(with(
-                &format!("{name} steps by {step_n} N"),
-                &format!("kind = \"bias_step\", counts = {counts:?}"),
-            ));
+            let table = bias_step(axis, step_n, from_s);
+            all.push((format!("{name} steps by {step_n} N"), table));
         }
     }
     all
@@ -132,11 +135,7 @@ fn a_zero_that_jumps_is_noticed_at_once() {
             ];
             for from_s in moments {
                 for (axis, newtons) in [(0, -3), (0, 1), (1, -1), (2, -3), (2, -1), (2, 1)] {
-                    let mut counts = [0; 6];
-                    counts[axis] = newtons * 1_000_000;
-                    let fault = format!(
-                        "{{ kind = \"bias_step\", counts = {counts:?}, from_s = {from_s} }}"
-                    );
+                    let fault = bias_step(axis, newtons, from_s);
                     let seen = run_at(name, stiffness, reference_n, Some(&fault), from_s);
                     let what = format!("{name}, {stiffness} N/m, {reference_n} N, {fault}");
                     let expected = Fault::Wrench(Validity::ZeroJumped);
@@ -174,11 +173,7 @@ fn old_readings_are_noticed_at_the_touch() {
 
 /// Steps of the zero by 3 N across the tool's axis, either way.
 fn jumps_aside(from_s: f64) -> [String; 4] {
-    [(0, -3), (0, 3), (1, -3), (1, 3)].map(|(axis, newtons)| {
-        let mut counts = [0; 6];
-        counts[axis] = newtons * 1_000_000;
-        format!("{{ kind = \"bias_step\", counts = {counts:?}, from_s = {from_s} }}")
-    })
+    [(0, -3), (0, 3), (1, -3), (1, 3)].map(|(axis, newtons)| bias_step(axis, newtons, from_s))
 }
 
 /// The bug: the force along a wrong normal stayed at the reference while a jump of the zero across

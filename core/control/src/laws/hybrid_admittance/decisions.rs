@@ -86,8 +86,7 @@ impl Run {
                 let fault = self.cause(fault, percept);
                 return self.leave(percept, Some(fault));
             }
-            if std::mem::take(&mut self.zero_doubted) {
-                self.zero_doubts += 1;
+            if self.zero_doubt.lifts_off() {
                 return self.lift_off(percept);
             }
             if self.is_zero_old(program, input) {
@@ -174,6 +173,7 @@ impl Run {
                     self.in_contact = false;
                     self.low_s = 0.0;
                     self.tared_at = Some(percept.position);
+                    self.zero_doubt.disprove();
                     // A task that lifted off for a new zero returns to where it was.
                     self.seeks_lost = false;
                     let back = if self.touched {
@@ -185,7 +185,7 @@ impl Run {
                         self.enter(back, percept);
                     }
                 } else if waited_s > task.timeouts.tare_s {
-                    let fault = if self.zero_doubts > 0 {
+                    let fault = if self.zero_doubt.is_open() {
                         Fault::Wrench(Validity::ZeroJumped)
                     } else {
                         Fault::NoTare

@@ -12,6 +12,7 @@ use super::percept::{Percept, Requests};
 use super::run::Run;
 use super::touchdown::{free_speed_max, stiffness_expected};
 use super::urgent::outside;
+use super::zero_doubt::ZeroJump;
 use crate::leaving::clearance::Clearance;
 use crate::leaving::leave_watch::Leaving;
 use crate::leaving::retreat::{Ceiling, Met};
@@ -25,23 +26,8 @@ use crate::task::program::Program;
 
 /// Minimum sliding time after the return of a tool for its new zero to have helped, s.
 const SLID_ON_S: f64 = 0.5;
-/// Number of times that a tool lifts off to prove a zero in one run. If each has proved it, it is
-/// the surface that makes the force jump.
-const ZERO_DOUBTS_MAX: u32 = 3;
 /// Age of a doubted reading up to which it still stops a retraction, s.
 const DOUBTED_AGE_MAX_S: f64 = 0.05;
-
-/// What follows from a zero that seems to have jumped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ZeroJump {
-    /// The tool lifts off for a new zero, which is refused if it is far from the last good one. A
-    /// force that jumps at an edge looks the same as a zero that does.
-    ToProve,
-    /// Nothing: the zero is proved, or about to be.
-    Proved,
-    /// The sensor is faulty.
-    Fault,
-}
 
 impl Run {
     /// Records where the tool may touch, and the direction away from the surface. Nothing moves in
@@ -356,14 +342,10 @@ impl Run {
         }
         match self.phase {
             // The same jump is reported for some cycles.
-            Phase::Clear if self.zero_doubts > 0 => ZeroJump::Proved,
+            Phase::Clear if self.zero_doubt.is_open() => ZeroJump::Proved,
             Phase::Hold if self.stands_without_wrench() => ZeroJump::Fault,
             Phase::Contact | Phase::Slide | Phase::Seek | Phase::Hold => {
-                if self.zero_doubts < ZERO_DOUBTS_MAX {
-                    ZeroJump::ToProve
-                } else {
-                    ZeroJump::Proved
-                }
+                self.zero_doubt.on_surface()
             }
             _ => ZeroJump::Fault,
         }

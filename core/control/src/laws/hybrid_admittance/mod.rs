@@ -41,6 +41,7 @@ mod touchdown;
 mod tracking;
 mod travel;
 mod urgent;
+mod zero_doubt;
 
 pub use config::{
     AlignmentConfig, ContactConfig, ControllerConfig, ForceConfig, NormalConfig, PathConfig,

@@ -21,6 +21,7 @@ use super::side_load::SideLoad;
 use super::surface::Surface;
 use super::touchdown::{seek_speed, stiffness_of_touch};
 use super::tracking::Tracking;
+use super::zero_doubt::ZeroDoubt;
 use crate::estimator_choice::EstimatorChoice;
 use crate::leaving::clearance::Clearance;
 use crate::leaving::leave_watch::{LeaveWatch, Leaving};
@@ -125,10 +126,8 @@ pub(crate) struct Run {
     pub seeks_lost: bool,
     /// Whether the tool has lifted off for a new zero in this run.
     pub renewed: bool,
-    /// Whether the zero may have jumped: the tool is to lift off and prove it.
-    pub zero_doubted: bool,
-    /// Number of times that it has.
-    pub zero_doubts: u32,
+    /// Whether the zero may have jumped.
+    pub zero_doubt: ZeroDoubt,
     /// Whether the zero in force turned out to have been taken in contact.
     pub zero_withdrawn: bool,
     /// The way in joint space to the start pose, or home.
@@ -192,8 +191,7 @@ impl Run {
             tared_at: None,
             seeks_lost: false,
             renewed: false,
-            zero_doubted: false,
-            zero_doubts: 0,
+            zero_doubt: ZeroDoubt::default(),
             zero_withdrawn: false,
             travel: JointWay::default(),
         }

@@ -7,13 +7,13 @@ use tangent_sensing::Validity;
 
 use super::config::ControllerConfig;
 use super::interface::ControlInput;
-use super::leaving::ZeroJump;
 use super::moving_base::MovingBase;
 use super::percept::Percept;
 use super::run::{HoldReason, Run};
 use super::stiffness::DEPTH_SD_M;
 use super::surface::Surface;
 use super::touchdown::{real_touch_n, touch_force_n};
+use super::zero_doubt::ZeroJump;
 use crate::estimator_choice::EstimateStatus;
 use crate::estimator_choice::switching::ChoiceRules;
 use crate::limits::Limits;
@@ -177,10 +177,14 @@ impl Run {
         input: &ControlInput<N>,
         reference_n: f64,
     ) -> Validity {
-        match (input.wrench_validity, self.zero_jump(program, input)) {
-            (Validity::Valid, _) | (Validity::ZeroJumped, ZeroJump::Proved) => {}
-            (Validity::ZeroJumped, ZeroJump::ToProve) => self.zero_doubted = true,
-            (invalid, _) => return invalid,
+        match input.wrench_validity {
+            Validity::Valid => {}
+            Validity::ZeroJumped => match self.zero_jump(program, input) {
+                ZeroJump::Proved => {}
+                ZeroJump::ToProve => self.zero_doubt.ask(),
+                ZeroJump::Fault => return Validity::ZeroJumped,
+            },
+            invalid => return invalid,
         }
         let pose = &input.base_from_tool;
         let normal = if self.touched {
