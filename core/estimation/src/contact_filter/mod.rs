@@ -35,7 +35,7 @@ use self::slide::Slide;
 use self::state::{BIAS, FRICTION, HEIGHT, HeightMemory, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use self::tilt_memory::TiltMemory;
-use self::tip::POSITION_SD_M;
+use self::tip::{POSITION_SD_M, TorqueMean};
 use self::unrest::CurvatureNews;
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};
@@ -129,6 +129,9 @@ impl ContactFilter {
         }
         state.touch.hold(read_n, motion.dt_s);
         let force = state.force(motion);
+        state
+            .torque
+            .add(&motion.torque_in_tool, pressing_n, motion.dt_s);
         state.centre = self.centre_of_pressure(state, motion, pressing_n);
         state.centre.position += motion.rotation * state.surface.tip_m;
         self.travel(state, motion);
@@ -195,6 +198,7 @@ impl ContactFilter {
     fn in_free_space(&self, state: &mut ContactFilterState, motion: &Motion) {
         if state.phase != ContactPhase::Free {
             state.phase = ContactPhase::Free;
+            state.torque = TorqueMean::default();
             state.free_distance_m = 0.0;
             state.free_way_m = Vector3::zeros();
             state.free_time_s = 0.0;

@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 use super::learnt_noise::LearntNoise;
 use super::slide::Slide;
 use super::tilt_memory::TiltMemory;
+use super::tip::TorqueMean;
 use super::unrest::{CurvatureNews, Unrest};
 use crate::EstimatorConfig;
 use crate::motion::Motion;
@@ -67,6 +68,7 @@ pub(crate) struct ContactFilterState {
     /// Pressing force along the normal, N.
     pub(super) force_n: f64,
     pub(super) centre: CentreOfPressure,
+    pub(super) torque: TorqueMean,
     pub(super) noise: LearntNoise,
     pub(super) unrest: Unrest,
     pub(super) compliance: Compliance,
@@ -194,6 +196,7 @@ impl ContactFilterState {
             slide: Slide::default(),
             force_n: 0.0,
             centre: CentreOfPressure::default(),
+            torque: TorqueMean::default(),
             noise: LearntNoise::new(config),
             unrest: Unrest::default(),
             compliance: Compliance {

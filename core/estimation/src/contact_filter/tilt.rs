@@ -95,7 +95,7 @@ impl ContactFilter {
         if pressing_n < self.config.contact.force_on_n {
             return;
         }
-        let centre = centre_by_torque(motion, pressing_n);
+        let centre = centre_by_torque(&motion.torque_in_tool, pressing_n);
         let way_m = state.slide.speed_m_per_s * motion.dt_s;
         if !state.tilt.add(&centre, pressing_n, way_m, motion.dt_s) {
             return;
