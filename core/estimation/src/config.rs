@@ -58,7 +58,8 @@ pub struct SensingConfig {
     pub payload_error_n: f64,
     /// Direction of gravity, base axes; any length but zero.
     pub gravity_direction_in_base: [f64; 3],
-    /// Error of the torque at the tool, bias and noise combined, Nm.
+    /// Error of the torque at the tip, bias and noise combined, Nm. Noise of the force is noise of
+    /// this torque, with the distance from the sensor to the tip as its lever.
     pub torque_sd_nm: f64,
     /// Error of the velocity along the surface, m/s: kinematics, and a tool that yields.
     pub velocity_sd_m_per_s: f64,

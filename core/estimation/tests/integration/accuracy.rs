@@ -35,14 +35,18 @@ fn realistic_sensing_costs_less_than_a_degree() {
         for surface in [Surface::Plane, PIPE, TRAFFIC_CONE] {
             let f = over_seeds(name, &EstimatorConfig::default(), surface, Flaws::GAMMA);
             // The torque in these samples is exact, but the estimator does not know that.
-            let most_deg = if name == "quadratic" { 1.6 } else { 1.4 };
+            let (most_deg, most_rmse_deg) = if name == "quadratic" {
+                (1.6, 2.1)
+            } else {
+                (1.4, 1.8)
+            };
             assert!(
                 f.mean_deg() < most_deg,
                 "{name} {surface:?}: mean {}",
                 f.mean_deg()
             );
             assert!(
-                f.rmse_deg() < 1.8,
+                f.rmse_deg() < most_rmse_deg,
                 "{name} {surface:?}: rmse {}",
                 f.rmse_deg()
             );
