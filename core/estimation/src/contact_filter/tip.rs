@@ -13,8 +13,8 @@ pub(super) const POSITION_SD_M: f64 = 3e-4;
 /// Largest distance of the contact from the tool's origin for a tip of unknown shape, m.
 const UNKNOWN_RADIUS_M: f64 = 0.01;
 
-/// Time over which the torque is averaged that shows the centre of pressure, s: the force's own noise
-/// acts on the torque with the distance from the sensor to the tip as its lever.
+/// Time over which the torque is averaged that shows the centre of pressure, s: noise of the force
+/// acts on it with the distance from the sensor to the tip as its lever.
 const TORQUE_MEAN_S: f64 = 0.05;
 
 /// Where a force along the tool's axis acts that causes the torque, tool axes, m.
