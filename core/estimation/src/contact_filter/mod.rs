@@ -25,6 +25,7 @@ mod state;
 mod tilt;
 mod tilt_memory;
 mod tip;
+mod torque_mean;
 mod unrest;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -35,7 +36,8 @@ use self::slide::Slide;
 use self::state::{BIAS, FRICTION, HEIGHT, HeightMemory, NORMAL, Row, SHAPE, TIP, WEIGHT};
 pub(crate) use self::state::{ContactFilterState, ContactPhase};
 use self::tilt_memory::TiltMemory;
-use self::tip::{POSITION_SD_M, TorqueMean};
+use self::tip::POSITION_SD_M;
+use self::torque_mean::TorqueMean;
 use self::unrest::CurvatureNews;
 use crate::EstimatorConfig;
 use crate::motion::{Motion, free_space};

@@ -5,7 +5,7 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2, Vector3};
 use super::learnt_noise::LearntNoise;
 use super::slide::Slide;
 use super::tilt_memory::TiltMemory;
-use super::tip::TorqueMean;
+use super::torque_mean::TorqueMean;
 use super::unrest::{CurvatureNews, Unrest};
 use crate::EstimatorConfig;
 use crate::motion::Motion;

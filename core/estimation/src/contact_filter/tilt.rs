@@ -6,7 +6,7 @@ use tangent_mechanics::Tip;
 
 use super::ContactFilter;
 use super::state::{ContactFilterState, HeightMemory, NORMAL, Row, SurfaceState};
-use super::tip::centre_by_torque;
+use super::torque_mean::centre_by_torque;
 use crate::motion::Motion;
 
 /// Constant error of the centre of pressure per axis, m: frames of tip and sensor, at the length of

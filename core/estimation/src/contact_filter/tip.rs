@@ -1,6 +1,5 @@
 //! Where the tip touches, for each shape of a tip.
 
-use nalgebra::Vector3;
 use tangent_mechanics::Tip;
 
 use super::ContactFilter;
@@ -12,34 +11,6 @@ use crate::motion::Motion;
 pub(super) const POSITION_SD_M: f64 = 3e-4;
 /// Largest distance of the contact from the tool's origin for a tip of unknown shape, m.
 const UNKNOWN_RADIUS_M: f64 = 0.01;
-
-/// Time over which the torque is averaged that shows the centre of pressure, s: noise of the force
-/// acts on it with the distance from the sensor to the tip as its lever.
-const TORQUE_MEAN_S: f64 = 0.05;
-
-/// Where a force along the tool's axis acts that causes the torque, tool axes, m.
-pub(super) fn centre_by_torque(torque_nm: &Vector3<f64>, pressing_n: f64) -> Vector3<f64> {
-    Vector3::new(torque_nm.y, -torque_nm.x, 0.0) / pressing_n
-}
-
-/// Running means of torque and pressing force since the touch. A new one is the reset.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct TorqueMean {
-    /// Torque at the tool's origin, tool axes, Nm.
-    torque_nm: Vector3<f64>,
-    pressing_n: f64,
-    /// Time since the touch, s.
-    since_s: f64,
-}
-
-impl TorqueMean {
-    pub fn add(&mut self, torque_nm: &Vector3<f64>, pressing_n: f64, dt_s: f64) {
-        self.since_s += dt_s;
-        let gain = (dt_s / self.since_s.min(TORQUE_MEAN_S)).min(1.0);
-        self.torque_nm += (torque_nm - self.torque_nm) * gain;
-        self.pressing_n += (pressing_n - self.pressing_n) * gain;
-    }
-}
 
 impl ContactFilter {
     /// Computes the centre of pressure. For a pad it follows from the torque: the more uncertain
@@ -81,8 +52,7 @@ impl ContactFilter {
         let measured_sd = (self.config.sensing.torque_sd_nm / pressing_n).hypot(POSITION_SD_M);
         let total = spread * spread + measured_sd * measured_sd;
         let share = spread * spread / total;
-        let mean = &state.torque;
-        let mut centre = centre_by_torque(&mean.torque_nm, mean.pressing_n) * share;
+        let mut centre = state.torque.centre() * share;
         if centre.norm() > radius_m {
             centre *= radius_m / centre.norm();
         }
